@@ -3,7 +3,7 @@
 Nothing here knows of sweeps, files or figures. Units are SI; only theta is in degrees.
 """
 
-from fivcore.errors import ContactError, DivergenceError, InputError, UnsolvedError
+from fivcore.errors import ContactError, DivergenceError, FixedContactWarning, InputError, UnsolvedError
 from fivcore.rig import Beam, Rig, Scene
 from fivcore.stability.intervals import OnsetCurve, OnsetCurves, UnstableWindows, onset_curves, unstable_windows
 from fivcore.stability.many import FlutterOnsets, ManyFlutterOnsets, flutter_onsets, flutter_onsets_many
@@ -12,13 +12,13 @@ from fivcore.stability.sliding import SlidingModes, node_positions, sliding_mode
 from fivcore.stability.tied import glued_frequencies, tune_head_mass
 from fivcore.transient.driver import Transient
 from fivcore.transient.normalised import State
-from fivcore.transient.simulate import critical_mu, simulate, simulate_many
+from fivcore.transient.simulate import painleve_mu, simulate, simulate_many
 from fivcore.transient.until import Until
 
 __all__ = [
-    "Beam", "ContactError", "DivergenceError", "FlutterOnsets", "InputError", "ManyFlutterOnsets",
-    "OnsetCurve", "OnsetCurves", "OnsetSensitivity", "Rig", "Scene", "SlidingModes", "State", "Transient",
-    "UnsolvedError", "UnstableWindows", "Until", "critical_mu", "flutter_onsets", "flutter_onsets_many",
-    "glued_frequencies", "node_positions", "onset_curves", "onset_sensitivity", "simulate", "simulate_many",
-    "sliding_modes", "tune_head_mass", "unstable_windows",
+    "Beam", "ContactError", "DivergenceError", "FixedContactWarning", "FlutterOnsets", "InputError",
+    "ManyFlutterOnsets", "OnsetCurve", "OnsetCurves", "OnsetSensitivity", "Rig", "Scene", "SlidingModes", "State",
+    "Transient", "UnsolvedError", "UnstableWindows", "Until", "flutter_onsets", "flutter_onsets_many",
+    "glued_frequencies", "node_positions", "onset_curves", "onset_sensitivity", "painleve_mu", "simulate",
+    "simulate_many", "sliding_modes", "tune_head_mass", "unstable_windows",
 ]  # fmt: skip

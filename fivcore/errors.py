@@ -33,8 +33,24 @@ class DivergenceError(SceneError):
     """The motion left the range of numbers."""
 
 
-def not_unique(mu: float, critical: float) -> ContactError:
-    """Make the error for a coefficient of friction at or beyond the critical one."""
+class FixedContactWarning(UserWarning):
+    """P2 moves by more of its length than a model with a fixed contact point is right for."""
+
+
+# Largest share of P2's length that P2 may move without this warning.
+FIXED = 0.02
+
+
+def fixed_contact(moved: float) -> str:
+    """Text of the warning; `moved` is V * duration in units of P2's length."""
+    return (
+        f"V * duration is {100.0 * moved:.3g} % of P2's length: the model's contact point is fixed; in a rig it"
+        " moves along P2 by as much, and modes and onsets change with it: these figures hold for one position"
+    )
+
+
+def not_unique(mu: float, limit: float) -> ContactError:
+    """Make the error for a coefficient of friction at or beyond the Painleve limit."""
     return ContactError(
-        f"mu = {mu:g}: from {critical:.6g} on the contact force of this method is not unique (Painleve)"
+        f"mu = {mu:g}: from {limit:.6g} on the contact force of this method is not unique (Painleve)"
     )

@@ -78,7 +78,7 @@ reordered_call = partial(_compiled, fastmath={"reassoc", "contract", "nsz"})
 def cache_folder(homes: Iterable[Path]) -> Path | None:
     """Make the folder of these sources in the first of `homes` that can be written to, and return it.
 
-    Folders of other sources are removed from there once nobody has written to them for OLD seconds.
+    `homes` are ours: `kernels-*` of other sources are removed once nobody has written to them for OLD seconds.
     """
     for home in homes:
         folder = home / f"{PREFIX}{SOURCES}"
@@ -94,5 +94,7 @@ def cache_folder(homes: Iterable[Path]) -> Path | None:
 
 
 _USER = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fiv"
-_PLACES = [_SETTINGS.CACHE_DIR] if _SETTINGS.CACHE_DIR else [_HERE / "__pycache__", _USER]
-FOLDER = cache_folder(map(Path, _PLACES))
+# A folder that others use, too, has a sub-folder of ours.
+FOLDER = cache_folder(
+    [Path(_SETTINGS.CACHE_DIR) / "fiv"] if _SETTINGS.CACHE_DIR else [_HERE / "__pycache__", _USER]
+)

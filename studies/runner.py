@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import sweeps
+from fivcore.errors import FIXED, fixed_contact
 from studies import reference, registry
 from studies.parameters import unusual, warn_unusual
 from studies.request import Request
@@ -46,6 +47,15 @@ class RunResult:
         if not file.exists() or file.resolve() == self.file.resolve():
             return ""
         return reference.compared(self.study, self.dataset, open_dataset(file))
+
+    def fixed_contact(self) -> str:
+        """A line where a point moves P2 further than a fixed contact point is right for; "" elsewhere."""
+        data, known = self.dataset, ("simulated_time", "duration", "max_duration")
+        time = next((data[name] for name in known if name in data), None)
+        if time is None or "V" not in data:
+            return ""
+        moved = float((np.abs(data["V"]) * time / data["p2_length"]).max())
+        return fixed_contact(moved) if moved > FIXED else ""
 
     @property
     def failed(self) -> int:

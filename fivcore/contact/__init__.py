@@ -1,1 +1,1 @@
-"""The contact of the reduced model, its element, its law and one step of it as a matrix."""
+"""The contact of the reduced model: residual flexibility, law, and one step as a matrix."""

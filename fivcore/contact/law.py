@@ -1,7 +1,7 @@
-"""The law of the reduced contact: a visco-elastic element in place of the modes that are not kept.
+"""The law of the reduced contact: a spring and a dashpot in parallel for the modes that are not kept.
 
-The element has a state u = (u_N, u_T) and carries the contact force, K u + C u' = (N, T). The physical gap is
-g_N + u_N, the slip rate g_T' + u_T'. Every regime is linear:
+They have a state u = (u_N, u_T) and carry the contact force, K u + C u' = (N, T). The physical gap is g_N + u_N,
+the slip rate g_T' + u_T'. Every contact status is linear:
 
 - separation: N = T = 0, while g_N + u_N > 0;
 - stick: u_N = -g_N and g_T + u_T is constant, while N > 0 and |T| <= mu N;
@@ -9,8 +9,8 @@ g_N + u_N, the slip rate g_T' + u_T'. Every regime is linear:
 
 At touch-down u is continuous and N jumps by C_NN times the closing speed. T -+ mu N increases with u_T' wherever
 C_TT > mu |C_TN| (K without damping): exactly one of stick, slip forwards and slip backwards exists. From the
-critical friction on, where that or the divisor that gives N in a step of `fast` is zero, the contact force is not
-unique (Painleve's paradox). Without an element the kept modes touch rigidly, with restitution 0.
+Painleve limit on, where that or the divisor that gives N in a step of `fast` is zero, the contact force is not
+unique. In rigid contact the restitution is 0.
 """
 
 from __future__ import annotations
@@ -24,11 +24,10 @@ from scipy.optimize import brentq
 from fivcore.jit import Array
 
 
-class RegimeMaps(NamedTuple):
-    """Contact forces and element state after one step, as linear maps."""
+class StatusMaps(NamedTuple):
+    """Contact forces and u after one step, as linear maps."""
 
-    # (N, T) from (p, u_T, v_N, v_T), (2, 4): penetration p = -g_N, the element's tangential state, and the rates
-    # of the gaps before the impulse.
+    # (N, T) from (p, u_T, v_N, v_T), (2, 4): penetration p = -g_N, and the rates of the gaps before the impulse.
     stick: Array
     # For T = mu N, then for T = -mu N: N and u_T at the end of the step, from (p, u_T, v_N), (2, 2, 3).
     slip: Array
@@ -41,12 +40,12 @@ class RegimeMaps(NamedTuple):
     # Mean square of the rate of a relaxing u_T over a step, in units of its mean squared.
     square_ratio: float
     # As `entering` and `mean_offset` where the surfaces meet: half a step.
-    landing: Array
-    landing_offset: float
+    closure: Array
+    closure_offset: float
 
 
-def regime_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> RegimeMaps:
-    """Write each regime as linear maps for one step of `transient.fast_kernel`, symmetric in time.
+def status_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> StatusMaps:
+    """Write each contact status as linear maps for one step of `transient.fast_kernel`, symmetric in time.
 
     Positions are held over the impulse, and velocities enter by their mean, which makes the dashpot implicit in
     closed form; u_T in slip and u in separation relax exactly.
@@ -54,10 +53,10 @@ def regime_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> RegimeM
     Parameters
     ----------
     K, C : ndarray, (2, 2)
-        The element's stiffness, N/m, and damping, N s/m (zero: purely elastic); normal first. Both zero: no
-        element, the kept modes touch rigidly.
+        Spring, N/m, and dashpot, N s/m (zero: purely elastic); normal first. Both zero: rigid contact.
     M : ndarray, (2, 2)
-        Mean rates of the gaps over an impulse by a unit force, m/s per N (`fivcore.contact.impulse`).
+        Effective Delassus matrix over a step: mean rates of the gaps over an impulse by a unit force, m/s per N
+        (`fivcore.contact.impulse`).
     mu : float
     step : float
         s.
@@ -67,7 +66,7 @@ def regime_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> RegimeM
         # No mean rates in lasting contact; the kernel halves the forces at touch-down.
         stick, slip = np.zeros((2, 4)), np.zeros((2, 2, 3))
         stick[:, 2:], slip[:, 0, 2:] = -np.linalg.inv(M), -1.0 / (M[0, 0] + both * M[0, 1])
-        return RegimeMaps(stick, slip, np.zeros((2, 2)), stick, 0.0, 1.0, stick, 0.0)
+        return StatusMaps(stick, slip, np.zeros((2, 2)), stick, 0.0, 1.0, stick, 0.0)
     offset, square_ratio, separation = step, 1.0, np.zeros((2, 2))
     if C.any():
         decay = step * K[1, 1] / C[1, 1]
@@ -75,18 +74,18 @@ def regime_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> RegimeM
         square_ratio = 0.5 * decay / np.tanh(0.5 * decay) if decay > 1e-6 else 1.0
         separation = expm(-step * np.linalg.solve(C, K))
     # (N, T) with the mean of the rates in the dashpot; u_T follows g_T only from the offset on.
-    stick, entering, landing = (
+    stick, entering, closure = (
         np.linalg.inv(np.eye(2) + damping @ M) @ np.hstack([K, -damping])
         for damping in (C + late * K * np.eye(2)[1] for late in (0.0, offset, 0.5 * step))
     )
     slip = _slip(K, C, M, both, step)[1]
-    return RegimeMaps(stick, slip, separation, entering, offset, square_ratio, landing, 0.5 * step)
+    return StatusMaps(stick, slip, separation, entering, offset, square_ratio, closure, 0.5 * step)
 
 
-def critical_friction(K: Array, C: Array, M: Array, step: float, mu: float = np.inf) -> float:
-    """Smallest friction for which a divisor of slip is zero; a step of zero: that of the law itself.
+def painleve_mu(K: Array, C: Array, M: Array, step: float, mu: float = np.inf) -> float:
+    """Painleve limit: smallest friction for which a divisor of slip is zero; a step of zero: by the law itself.
 
-    Arguments are those of `regime_maps`, K and C in proportion; where it exceeds `mu`, a lower bound may do.
+    Arguments are those of `status_maps`, K and C in proportion; where it exceeds `mu`, a lower bound may do.
     """
     law = ratio(K[1, 1], K[0, 1])
     if not C.any() or step == 0.0:

@@ -1,19 +1,21 @@
-"""The reduced model of a rig: the modes below a cut-off and, for the others, a visco-elastic contact element.
+"""The reduced model of a rig: the modes below a cut-off, and the others' residual flexibility at the contact.
 
 The modes above the cut-off are too fast to matter by themselves, but they are most of the contact's own compliance
-and take energy out of impacts. The element of `fivcore.contact.law` replaces them:
+and take energy out of impacts. A spring and a dashpot in parallel (Kelvin and Voigt) replace them between the two
+surfaces (`fivcore.contact.law`):
 
-- K is the inverse of their static flexibility, cross terms included: sliding stability and all quasi-static motion
-  stay those of all modes.
-- C = tau K ("elastic": 0). Modes above the cut-off take energy from those below it and lose it by damping or to
-  modes higher still. tau gives the fastest oscillation of the kept modes' mass on K the share DAMPING of critical
-  damping, and is at least d2, the dropped modes' own material damping.
+- K is the inverse of their static flexibility (MacNeal, Computers & Structures 1, 1971; Rubin, AIAA Journal 13,
+  1975), cross terms included: sliding stability and all quasi-static motion stay those of all modes.
+- C = tau K. Modes above the cut-off take energy from those below it and lose it by damping or to modes higher
+  still. tau gives the fastest oscillation of the kept modes' mass on K the damping ratio DAMPING, and is at least
+  d2, the dropped modes' own material damping.
 
-With the termination "none" there is no element, and the kept modes touch rigidly.
+Where every mode is kept, the surfaces touch rigidly.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -23,22 +25,21 @@ from numpy.typing import NDArray
 from fivcore.beams.elements import axial
 from fivcore.beams.modes import contact_modes, one_blas_thread, residual_flexibility, rig_bases
 from fivcore.contact.impulse import Impulse, at_impulses
-from fivcore.contact.law import critical_friction, ratio
+from fivcore.contact.law import painleve_mu, ratio
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig
 
 MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "point_b", "load")
-TERMINATIONS = ("absorbing", "elastic", "none")
-# Default step of `fast` in units of the contact's own time 1 / omega; with an undamped element, which dissipates
-# no energy error of the step; without an element, in units of the fastest mode's time; and the largest step, below
-# the 2.389 at which the paper's rig loses its stability in stick (`step_map`), for any mu.
+# Default step of `fast` in units of the contact's own time 1 / omega; without a dashpot, which damps the step's
+# energy error; of a rigid contact, in units of the fastest mode's time; and the largest step, below the 2.389 at
+# which the paper's rig loses its stability in stick (`step_map`), for any mu.
 STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 1.92, 0.3, 0.5, 2.35
 # Statistics are sampled so often, s; where a default step is not longer, a whole number of them fills the time.
 INTERVAL = 20e-6
 # Below it the shares of time on random rigs like the paper's are off by up to 0.1, in Hz.
 LEAST_CUTOFF = 115e3
-# Share of critical damping of the element. With 0.045 the mean error of a share of time over random rigs with one
+# Damping ratio of the contact. With 0.045 the mean error of a share of time over random rigs with one
 # kind of motion is below 0.01 at cut-offs from 3.1 to 6.2 c / (4 L); 0.06 balances energy better and shifts stick
 # by 0.003. At 75 kHz two and a half times as much raises stick by 0.02 to 0.03; a quarter lets contact ring.
 DAMPING = 0.06
@@ -46,7 +47,7 @@ DAMPING = 0.06
 
 @dataclass(frozen=True, eq=False)
 class ReducedModel(ReadOnlyArrays):
-    """Kept modes and the contact element; arrays are read-only.
+    """Kept modes, and spring and dashpot for the residual flexibility of the others; arrays are read-only.
 
     Attributes
     ----------
@@ -63,7 +64,7 @@ class ReducedModel(ReadOnlyArrays):
     kept : ndarray, (all modes,)
         Which modes of `fivcore.beams.modes.contact_modes` these are.
     K, C : ndarray, (2, 2)
-        Stiffness and damping of the element; zero where there is none.
+        Inverse of the residual flexibility, N/m, and its dashpot, N s/m; normal first. Zero: a rigid contact.
     """
 
     stiffness: Array
@@ -86,7 +87,7 @@ class ReducedModel(ReadOnlyArrays):
 
     @property
     def W(self) -> Array:
-        """Inverse mass of the kept modes at the contact, (2, 2), 1/kg."""
+        """Delassus matrix: inverse mass of the kept modes at the contact, (2, 2), 1/kg."""
         return np.asarray(self.shapes @ self.shapes.T)
 
     @cached_property
@@ -100,7 +101,7 @@ class ReducedModel(ReadOnlyArrays):
         return rest
 
     def impulse(self, step: float) -> Impulse:
-        """Impulses of `fast` in this step, s, and the element corrected for them."""
+        """Impulses of `fast` in this step, s, with spring and dashpot corrected for them."""
         K, C, half = self.K, self.C, 0.5 * step * self.W
         if not K.any() or step == 0.0:
             return Impulse(np.zeros((2, 2)), K, C, half)
@@ -111,23 +112,23 @@ class ReducedModel(ReadOnlyArrays):
 
     def dissipation(self, impulse: Impulse) -> Array:
         """What the dashpot loses from the mean rates of the gaps over a step, (2, 2), N s/m."""
-        # The mean rate of a gap over an impulse is less than that of the element within it, by what impulses miss.
+        # The mean rate of a gap over an impulse is less than that of the spring within it, by what impulses miss.
         rates = np.linalg.solve(impulse.stiffness, self.K) if self.K.any() else np.eye(2)
         return np.asarray(rates.T @ self.C @ rates)
 
-    def critical_mu(self, step: float | None, mu: float = np.inf) -> float:
-        """Smallest friction without a unique contact force, in steps of `fast`; None: by the law itself.
+    def painleve_mu(self, step: float | None, mu: float = np.inf) -> float:
+        """Painleve limit of friction: no unique contact force from there on; in steps of `fast`, or by the law.
 
         Where it exceeds `mu`, a lower bound above `mu` may do.
         """
         if not self.K.any():
             return ratio(self.W[0, 0], self.W[0, 1])
         _, K, C, M = self.impulse(step or 0.0)
-        return critical_friction(K, C, M, step or 0.0, mu)
+        return painleve_mu(K, C, M, step or 0.0, mu)
 
     @cached_property
     def contact_frequency(self) -> float:
-        """Largest angular frequency of the kept modes' mass on the element, rad/s; zero without one."""
+        """Largest angular frequency of the kept modes' mass on the spring K, rad/s; zero in rigid contact."""
         if not self.K.any():
             return 0.0
         return float(np.sqrt(np.linalg.eigvals(self.K @ self.W).real.max()))
@@ -155,7 +156,7 @@ class ReducedModel(ReadOnlyArrays):
 @lru_cache(maxsize=64)
 @one_blas_thread()
 def full_model(rig: Rig, theta: float) -> ReducedModel:
-    """Return the finite-element model itself: every mode of both beams, and no element."""
+    """Return the finite-element model itself: every mode of both beams, in rigid contact."""
     stiffness, normal, tangential = contact_modes(rig, theta)
     upper, lower = rig_bases(rig, theta)
     n1 = len(upper.stiffness)
@@ -173,9 +174,10 @@ def full_model(rig: Rig, theta: float) -> ReducedModel:
 def default_cutoff(rig: Rig) -> float:
     """Cut-off of a reduced model, Hz: just below an axial mode of P1, as each that is kept shortens the step.
 
-    It is the first above `LEAST_CUTOFF`, but not below the third, 5 c / (4 L): the echo of a blow in P1 is kept.
-    Of large beams less is enough: for `LEAST_CUTOFF` then stands the frequency at which the bending waves of one
-    of them are four thicknesses long, where Euler-Bernoulli theory has ended. For the paper's rig: 117 kHz.
+    It is the first above `LEAST_CUTOFF`, but not below the third, 5 c / (4 L), which keeps an impact's reflected
+    axial wave. Of large beams less is enough: the frequency at which the bending waves of one of them are four
+    thicknesses long, where Euler-Bernoulli theory has ended, replaces `LEAST_CUTOFF` if it is lower. For the
+    paper's rig: 117 kHz.
     """
     speeds = [(beam, float(np.sqrt(beam.young_modulus / beam.density))) for beam in (rig.p1, rig.p2)]
     slender = min(np.pi / (8.0 * np.sqrt(12.0)) * c / beam.thickness for beam, c in speeds)
@@ -185,10 +187,8 @@ def default_cutoff(rig: Rig) -> float:
 
 @lru_cache(maxsize=64)
 @one_blas_thread()
-def reduced_model(
-    rig: Rig, theta: float, cutoff: float | None = None, termination: str = "absorbing"
-) -> ReducedModel:
-    """Return the modes below `cutoff` (Hz, by default that of `default_cutoff`) and the element for the others.
+def reduced_model(rig: Rig, theta: float, cutoff: float | None = None) -> ReducedModel:
+    """Return the modes below `cutoff`, Hz, by default that of `default_cutoff`, with a residual for the others.
 
     Raises
     ------
@@ -203,15 +203,21 @@ def reduced_model(
         raise SceneValueError(
             f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that three modes of this rig are kept"
         )
-    flexibility, K = residual_flexibility(full.stiffness[~kept], *full.shapes[:, ~kept]), np.zeros((2, 2))
-    # One or two modes left over are no element; with them the finite elements are complete. An element's condition
-    # number is about 3; of a flexibility at 1e8 the inverse has half its digits.
+    flexibility = residual_flexibility(full.stiffness[~kept], *full.shapes[:, ~kept])
+    # One or two modes have no residual of rank two; with them the finite elements are complete. Its condition
+    # number is usually about 3; of a flexibility at 1e8 the inverse has half its digits.
     if (~kept).sum() <= 2 or np.linalg.cond(flexibility) > 1e8:
-        kept = np.ones(len(kept), dtype=bool)
-    elif termination != "none":
-        K = np.asarray(np.linalg.inv(flexibility))
-    modal = {name: getattr(full, name)[kept] for name in MODAL}
+        return full
+    modal, K = {name: getattr(full, name)[kept] for name in MODAL}, np.asarray(np.linalg.inv(flexibility))
     model = replace(full, **modal, kept=kept, K=K)
-    if termination != "absorbing" or not K.any():
-        return model
     return replace(model, C=max(2.0 * DAMPING / model.contact_frequency, rig.d2) * K)
+
+
+# A change of a reduced model, for ablations.
+Modify = Callable[[ReducedModel], ReducedModel]
+
+
+@lru_cache(maxsize=64)
+def modified(model: ReducedModel, modify: Modify | None) -> ReducedModel:
+    """The model after `modify`, from a cache, so that scenes share it; None: the model itself."""
+    return model if modify is None else modify(model)

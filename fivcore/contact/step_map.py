@@ -5,7 +5,7 @@ L s: N, T and in slip u_T after the step (`fivcore.contact.law`). The impulse of
 move freely. Stability of the step, the stick skip and the steady-state certificate share S, L and the matrix of x.
 
 A step that is too long has a growing eigenvalue whose argument is beyond 0.9 pi: the motion changes its sign in
-every step, while flutter turns by far less. In slip the element, seen through friction, may be stiffer than
+every step, while flutter turns by far less. In slip the spring, seen through friction, may be stiffer than
 `ReducedModel.largest_step` knows.
 """
 
@@ -18,13 +18,13 @@ from scipy.linalg import block_diag
 
 from fivcore.beams.modes import propagator
 from fivcore.contact.impulse import Impulse
-from fivcore.contact.law import regime_maps
+from fivcore.contact.law import status_maps
 from fivcore.contact.reduced import ReducedModel
 from fivcore.jit import Array, Complex
 
 
 class StepMap(NamedTuple):
-    """A step in one regime, as a map of x with m components."""
+    """A step in one contact status, as a map of x with m components."""
 
     matrix: Array
     # What a unit of N and of T adds to x within the step, (m, 2).
@@ -39,7 +39,7 @@ class StepMap(NamedTuple):
 def step_map(model: ReducedModel, impulse: Impulse, step: float, friction: float | None = None) -> StepMap:
     """Map of a step in slip with T = `friction` * N, mu or -mu; None: in stick, where u_T follows g_T."""
     gaps, size, own = model.shapes, len(model.normal), int(friction is not None)
-    maps = regime_maps(impulse.stiffness, impulse.damping, impulse.mobility, friction or 0.0, step)
+    maps = status_maps(impulse.stiffness, impulse.damping, impulse.delassus, friction or 0.0, step)
     law, seen = maps.stick, np.pad(np.kron(np.diag([-1.0, 1.0]), gaps), ((0, 0), (0, own)))
     if friction is not None:
         force, u_T = maps.slip[0]
@@ -55,9 +55,9 @@ def step_map(model: ReducedModel, impulse: Impulse, step: float, friction: float
     return StepMap(flow @ jump, flow @ push, seen, law, units)
 
 
-def eigenvectors(regime: StepMap) -> tuple[Complex, Complex, Complex, float]:
+def eigenvectors(status: StepMap) -> tuple[Complex, Complex, Complex, float]:
     """Eigenvalues z and eigenvectors X of the matrix M, X^-1, and the maximum norm of X^-1 (M X - X diag(z))."""
-    matrix, units = regime.units[:, None] * regime.matrix / regime.units, regime.units.astype(complex)
+    matrix, units = status.units[:, None] * status.matrix / status.units, status.units.astype(complex)
     # Entries that are only rounding would spoil the eigenvectors' balance; the norm includes what they do.
     z, X = np.linalg.eig(np.where(np.abs(matrix) < 1e-15, 0.0, matrix))
     inverse = np.linalg.inv(X)
@@ -66,7 +66,7 @@ def eigenvectors(regime: StepMap) -> tuple[Complex, Complex, Complex, float]:
 
 
 def stable(model: ReducedModel, mu: float, step: float) -> bool:
-    """Whether no regime of the contact alternates with growth."""
+    """Whether in no contact status the motion alternates with growth."""
     impulse = model.impulse(step)
     z = np.concatenate([np.linalg.eigvals(step_map(model, impulse, step, way).matrix) for way in (None, mu, -mu)])
     return not np.any((np.abs(z) > 1.0 + 1e-9) & (np.abs(np.angle(z)) > 0.9 * np.pi))

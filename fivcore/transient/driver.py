@@ -18,7 +18,7 @@ from fivcore.jit import Array
 from fivcore.rig import Rig, Scene, html_table
 from fivcore.transient.exact import ExactRun
 from fivcore.transient.fast import FastRun
-from fivcore.transient.normalised import Normalised
+from fivcore.transient.normalised import Normalised, energies
 from fivcore.transient.observe import Observer, Record
 from fivcore.transient.options import Options
 from fivcore.transient.published import PaperRun
@@ -77,13 +77,12 @@ class Job:
     def __init__(self, scene: Scene, normalised: Normalised, options: Options) -> None:
         self._scene, self.run = scene, METHODS[options.method](normalised, options)
         self._observer = Observer(self.run.rate)
-        self._series = Record(normalised, options.record, options.sample_times)
+        rate = options.rows(self.run.step)[1]
+        self._series = Record(normalised, options.record, options.sample_times, rate)
         # Long sticks that have ended; number of the samples that were filled in.
         self._sticks, self._further = np.empty((0, 2)), 0
         self._watch = None if options.until is None else Watch(self.run, options.until)
-        model, speed = self.run.model, normalised.speed_per_load
-        self._given = abs(self.run.stored_energy()) + float(np.sum(model.stiffness * model.rest**2))
-        self._given += speed**2 * float(np.sum(model.inertia**2))
+        self._given = abs(self.run.stored_energy()) + sum(energies(normalised))
 
     def observe(self) -> None:
         """Hand the new segments to the observers; raise `DivergenceError` if the motion has blown up."""
@@ -100,7 +99,7 @@ class Job:
             self._watch.look(observer, self._further > 0)
         # The bound of the energy is a thousand times what has been put in.
         bound = 1e3 * (self._given + abs(float(run.record["work"][0])))
-        if not run.calm(1e-150 * min(run.scene.speed_per_load, 1.0)) or not run.stored_energy() <= bound:
+        if not run.flush(1e-150 * min(run.scene.speed_per_load, 1.0)) or not run.stored_energy() <= bound:
             now = segment.t[-1] if len(segment.t) else 0.0
             raise DivergenceError(f"the motion has blown up at t = {now:.6g} s")
 
@@ -120,7 +119,7 @@ class Job:
         summary = summarise(self.run, self._observer, self._sticks, self._further)
         if self._watch is not None:
             summary["standard_error_reached"] = self._watch.known
-        return Transient(self._scene, summary, **self._series.whole())
+        return Transient(self._scene, summary, **self._series.whole(self.run.steps * self.run.step))
 
 
 def located(error: SceneError, scene: Scene) -> SceneError:
@@ -135,7 +134,7 @@ def drive(requests: list[tuple[Scene, Normalised, Options]]) -> list[Transient |
     results: list[Any] = [None] * len(requests)
     waiting, jobs = list(range(len(requests))), dict[int, Job]()
     # These may raise while they advance: each is advanced by itself, so that the others go on.
-    alone = any(options.method != "fast" or options.contact_motion for _, _, options in requests)
+    alone = any(options.method != "fast" for _, _, options in requests)
     while waiting or jobs:
         if jobs and not alone:
             FastRun.advance([job.run for job in jobs.values()])

@@ -1,34 +1,34 @@
-"""`method="exact"`: the reduced model with the absorbing element, integrated from event to event.
+"""`method="exact"`: the reduced model, integrated from event to event.
 
-In each regime of `fivcore.contact.law` (separation, stick, slip with T = mu N or T = -mu N) the model is linear in
-x: (q, v) of the kept modes, with u_T in slip and u in separation. With the prescribed motion d of
+In each contact status of `fivcore.contact.law` (separation, stick, slip with T = mu N or T = -mu N) the model is
+linear in x: (q, v) of the kept modes, with u_T in slip and u in separation. With the prescribed motion d of
 `fivcore.transient.exact_kernels`, d' = D d, x' = M x + B d and M z_k = lambda_k z_k,
 
     x(s) = Re sum_k c_k z_k exp(lambda_k s) + E d(s),     M E + B = E D,
 
 up to the first zero of a margin, found by a certified search. So there is neither order nor time step: `step` is
-the grid on whose midpoints statistics and series are read. The error is rounding, some 1e-13 of the motion until
-the first slip, which flutter then amplifies to 5e-12 at the first separation.
+the grid on whose midpoints statistics and series are read. The error is rounding: some 1e-10 of the motion until
+the first slip, which flutter then amplifies to 3e-8 at the first separation. Modal displacements all but cancel in
+a gap, and with them some three digits.
 
-An event within DWELL of the last one (a graze, or the tip of the cone) is not acted on: the regime is kept for
+An event within DWELL of the last one (a graze, or the tip of the cone) is not acted on: the status is kept for
 DWELL and the next one decided from the state alone. The motion stays linear and its energy balance exact; where
-gap or cone were overstepped meanwhile, the decision changes the element's displacement, booked as impact.
+gap or cone were overstepped meanwhile, the decision changes u, booked as impact.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from fivcore.beams.modes import one_blas_thread
-from fivcore.contact.ablation import modified
-from fivcore.contact.reduced import ReducedModel, default_cutoff, reduced_model
+from fivcore.contact.reduced import ReducedModel, default_cutoff, modified, reduced_model
 from fivcore.errors import ContactError, DivergenceError, SceneValueError, not_unique
 from fivcore.jit import Array, Complex
 from fivcore.transient.exact_kernels import ONE, Q_R, SCENE, V_R, A, P, S, observe, search, waves_at
-from fivcore.transient.normalised import Normalised, State, element_displacement
+from fivcore.transient.normalised import Normalised, State, energies, residual_gaps
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import SEPARATION, STICK
 from fivcore.transient.stepped import SteppedRun
@@ -38,14 +38,12 @@ DWELL = 1e-10
 # Largest growth of slip within DWELL, as a power of e; largest rounding error of a state, relative to the root of
 # the motion's energy.
 MOST_GROWTH, LOST = 10.0, 1e-9
-# Ends of a regime other than a margin's: the end of the ramp or of the run, and that of DWELL.
+# Ends of a status other than a margin's: the end of the ramp or of the run, and that of DWELL.
 BOUNDARY, HELD = -1, -2
 # Default grid on which statistics are read, and length of a segment, s.
 STEP, SEGMENT = 1e-6, 0.04
-# Slip with T = mu N and with T = -mu N; the other regimes have the numbers of `fivcore.transient.statistics`.
+# Slip with T = mu N and with T = -mu N; the other statuses have the numbers of `fivcore.transient.statistics`.
 SLIP_UP, SLIP_DOWN = 2, 3
-# Largest condition number of an eigenbasis, at which rounding (1e-16) comes to LOST.
-WORST = 1e7
 
 
 class ExactRun(SteppedRun):
@@ -54,7 +52,7 @@ class ExactRun(SteppedRun):
     Raises
     ------
     SceneValueError
-        Where the reduced model has no absorbing element, or a contact regime no eigenbasis.
+        Where the contact has no dashpot.
     ContactError
         Where the contact force is not unique, or slip grows too fast to be resolved.
     """
@@ -62,47 +60,43 @@ class ExactRun(SteppedRun):
     READ_AT = 0.5
 
     def __init__(self, scene: Normalised, options: Options) -> None:
-        model = reduced_model(scene.rig, scene.theta, options.cutoff, options.termination)
-        self.model = model = modified(model, options.modify)
-        cutoff = default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
+        model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
+        self.model, cutoff = model, default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
         if not model.C.any():
-            why, need = "the relaxation time of the element is 0", "a dashpot; use another cutoff"
-            if not model.K.any():
-                why, need = "it keeps every mode of this rig", "an element for the others; use a lower cutoff"
-            raise SceneValueError(f"cutoff = {cutoff:g}: {why}, and method 'exact' needs {need} or method 'fast'")
-        critical = model.critical_mu(None)
-        if scene.mu >= critical:
-            raise not_unique(scene.mu, critical)
+            raise SceneValueError(
+                f"cutoff = {cutoff:g}: the contact has no dashpot, which method 'exact' needs; use a cutoff that"
+                " leaves out more modes of this rig, or method 'fast'"
+            )
+        limit = model.painleve_mu(None)
+        if scene.mu >= limit:
+            raise not_unique(scene.mu, limit)
         step = STEP if options.step is None else options.step
         super().__init__(scene, options, step, round(SEGMENT / step), SCENE)
-        self._regimes = regimes(model, scene.mu)
-        if max(regime.eigenvalues.real.max() for regime in self._regimes) * DWELL > MOST_GROWTH:
+        self._statuses = statuses(model, scene.mu)
+        if max(status.eigenvalues.real.max() for status in self._statuses) * DWELL > MOST_GROWTH:
             raise ContactError(
-                f"{not_unique(scene.mu, critical)}, and so close to it slip grows by more"
+                f"{not_unique(scene.mu, limit)}, and so close to it slip grows by more"
                 f" than e^{MOST_GROWTH:g} within {DWELL:g} s, which is not resolved"
             )
-        stored = np.sum(model.stiffness * model.rest**2)
-        self._size = float(stored + scene.speed_per_load**2 * np.sum(model.inertia**2))
+        self._size = sum(energies(scene))
         self._now, self.held = 0.0, 0
         # The full state is (q, v, u_N, u_T), q as deviations from `ReducedModel.rest`.
         initial, n = options.initial, len(model.stiffness)
-        contact = STICK if initial is None else initial.contact
         y = np.zeros(2 * n + 2)
         if initial is not None:
             y[:n] = initial.displacement[model.kept] - model.rest
             y[n : 2 * n] = initial.velocity[model.kept]
-            u = element_displacement(scene, model.kept, initial)
+            u = residual_gaps(scene, model.kept, initial)
             y[2 * n :] = u - np.linalg.solve(model.K, [1.0, 0.0])
         if options.ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
-        self.record["contact"] = contact
         self._first_energy = self._energy_of(y)
-        self._decide(0.0, y, contact)
+        self._decide(0.0, y, options.contact)
 
     def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
         goal = last * self.step
         while True:
-            r, end, until = self._regime, goal, last
+            r, end, until = self._status, goal, last
             if self._stop < goal:
                 end, until = self._stop, min(max(int(np.ceil(self._stop / self.step - 0.5)), first), last)
             motion = (r.eigenvalues, self._amplitudes, r.outputs, self._start)
@@ -113,17 +107,17 @@ class ExactRun(SteppedRun):
             first, self._now = until, end
             if self._stop >= goal:
                 return
-            self._next_regime()
+            self._next_status()
 
     def _enter(self, t: float, which: int, y: Array, orders: tuple[int, int, int] = (0, 0, 0)) -> None:
-        """Begin a regime at time `t` in the full state `y` and find its end.
+        """Begin a contact status at time `t` in the full state `y` and find its end.
 
         The forces are continuous but at touch-down, where the dashpot lets N jump. So the margin that has just
         vanished departs from zero with its first derivative (slip rate after stick, distance to the edge of the
         cone after slip) or its second (gap where N falls to zero, or after a touch-down without closing speed):
         `orders`, as in `search`.
         """
-        model, r, n = self.model, self._regimes[which], len(self.model.stiffness)
+        model, r, n = self.model, self._statuses[which], len(self.model.stiffness)
         end, acceleration = self.steps * self.step, 0.0
         if t < self.options.ramp:
             end, acceleration = min(self.options.ramp, end), self.scene.speed_per_load / self.options.ramp
@@ -133,18 +127,19 @@ class ExactRun(SteppedRun):
         elif which == SEPARATION:
             j = int(np.argmin(model.stiffness))
             start[4:] = y[j], y[n + j], model.inertia[j] * acceleration - model.normal[j], model.damping[j]
-        self._which, self._regime, self._origin, self._start = which, r, t, start
+        self._which, self._status, self._origin, self._start = which, r, t, start
         self._amplitudes = np.append(r.entry @ np.append(y, start[:6]), np.ones(6))
         entered, energy = self._state_at(t), self._energy_of(y)
         # A mode slower than all others by many orders of magnitude responds to the drive with a displacement so
-        # large that the digits of the motion are lost in it.
+        # large that the digits of the motion are lost in it; where two eigenvalues coincide, there is no basis.
         error = entered - y
         lost = np.sum(error[n : 2 * n] ** 2) + np.sum(model.stiffness * error[:n] ** 2)
         if not np.isfinite(lost):
             raise DivergenceError(f"the motion has blown up at t = {t:.6g} s")
-        if lost > LOST**2 * max(self._size, 2.0 * abs(energy)):
+        if lost > LOST**2 * 2.0 * max(self._size, abs(energy)):
             raise DivergenceError(
-                f"at t = {t:.6g} s the motion is lost in the rounding of a mode far slower than it"
+                f"at t = {t:.6g} s the motion is lost in the rounding of a mode far slower than it, or of two"
+                " coincident eigenvalues (change mu or theta in the eighth digit)"
             )
         self.record["impact"] += energy - self._energy_of(entered)
         margins, left = r.margins * self._amplitudes, max(end - t, 0.0)
@@ -154,8 +149,8 @@ class ExactRun(SteppedRun):
             self._stop, self._event = t + DWELL, HELD
             self.held += 1
 
-    def _next_regime(self) -> None:
-        """Enter the regime that follows the event at the end of the present one; in contact event 0 is N = 0."""
+    def _next_status(self) -> None:
+        """Enter the status that follows the event that ends the present one; in contact event 0 is N = 0."""
         t, which, event = self._stop, self._which, self._event
         y = self._state_at(t)
         if event == BOUNDARY:
@@ -170,7 +165,7 @@ class ExactRun(SteppedRun):
             self._enter(t, STICK, y, (0, 1, 0) if which == SLIP_UP else (0, 0, 1))
 
     def _decide(self, t: float, y: Array, was: int, touchdown: bool = False) -> None:
-        """Enter the regime that the state alone demands (`fivcore.contact.law`); at `touchdown` the gap closes."""
+        """Enter the status that the state alone demands (`fivcore.contact.law`); at `touchdown` the gap closes."""
         K, C, mu, n = self.model.K, self.model.C, self.scene.mu, len(self.model.stiffness)
         g_N = self.model.normal @ y[:n]
         if was == SEPARATION and g_N + y[-2] > 0.0 and not touchdown:
@@ -185,7 +180,7 @@ class ExactRun(SteppedRun):
         if not sticks and N - C[0, 1] * ((T - m * N) / (C[1, 1] - m * C[0, 1])) <= 0.0:
             self._enter(t, SEPARATION, y, (2 if was == SEPARATION else 1, 0, 0))
             return
-        # Contact is entered with the element's own displacement, which is not yet that of the gap.
+        # Contact is entered with a u_N of its own, which is not yet that of the gap.
         energy, y[-2] = self._energy_of(y), -g_N
         self.record["impact"] += energy - self._energy_of(y)
         self._enter(t, STICK if sticks else which, y)
@@ -196,8 +191,8 @@ class ExactRun(SteppedRun):
 
     def _state_at(self, t: float) -> Array:
         waves = np.empty_like(self._amplitudes)
-        waves_at(self._regime.eigenvalues, self._start, t - self._origin, waves)
-        return np.asarray((self._regime.state @ (self._amplitudes * waves)).real)
+        waves_at(self._status.eigenvalues, self._start, t - self._origin, waves)
+        return np.asarray((self._status.state @ (self._amplitudes * waves)).real)
 
     def _energy_of(self, y: Array) -> float:
         model, n = self.model, len(self.model.stiffness)
@@ -205,10 +200,10 @@ class ExactRun(SteppedRun):
         return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + model.normal @ q + u[0] + 0.5 * u @ model.K @ u)
 
     def stored_energy(self) -> float:
-        """Energy of the modes about the equilibrium, the element and the load, normalised."""
+        """Energy of the modes about the equilibrium, the springs and the load, normalised."""
         return self._energy_of(self._state_at(self._now))
 
-    def calm(self, floor: float) -> bool:
+    def flush(self, floor: float) -> bool:
         """Set amplitudes below `floor` to zero; False where one is not finite."""
         self._amplitudes[np.abs(self._amplitudes) < floor] = 0.0
         return bool(np.isfinite(self._amplitudes).all())
@@ -219,7 +214,7 @@ def states_at(
 ) -> Array:
     """Exact motion at ascending `times` (m,), s; the others are arguments of `ExactRun`.
 
-    Returns modal displacements, modal velocities, those of P2 relative to its clamp, and the element's (u_N, u_T),
+    Returns modal displacements, modal velocities, those of P2 relative to its clamp, and (u_N, u_T),
     (m, 2n + 2); displacements are deviations from those under the load alone; normalised (F = 1).
     """
     end = float(times[-1]) + DWELL
@@ -227,17 +222,17 @@ def states_at(
     states = []
     for t in times:
         while run._stop <= t:
-            run._next_regime()
+            run._next_status()
         states.append(run._state_at(float(t)))
     return np.stack(states)
 
 
-class Regime(NamedTuple):
-    """One linear regime in its eigenbasis; real parts of the products of these factors count.
+class Status(NamedTuple):
+    """One contact status in its eigenbasis; real parts of the products of these factors count.
 
     Eigenvalues are in 1/s. `entry` gives c at the start from the full state (q, v, u_N, u_T) and d, where c of a
     pair of eigenvalues counts twice. From w follow the full `state`, the `margins`, which stay positive within the
-    regime, and, in real and imaginary parts and transposed, the `outputs` of `fivcore.transient.exact_kernels`.
+    status, and, in real and imaginary parts and transposed, the `outputs` of `fivcore.transient.exact_kernels`.
     """
 
     eigenvalues: Complex  # (m,)
@@ -249,53 +244,35 @@ class Regime(NamedTuple):
 
 @lru_cache(maxsize=32)
 @one_blas_thread()
-def regimes(model: ReducedModel, mu: float) -> tuple[Regime, ...]:
-    """Return the four regimes of a model with an absorbing element."""
-    return tuple(_regime(model, mu, which) for which in (SEPARATION, STICK, SLIP_UP, SLIP_DOWN))
+def statuses(model: ReducedModel, mu: float) -> tuple[Status, ...]:
+    """The motion of a model in each of the four contact statuses."""
+    return tuple(_status(model, mu, which) for which in (SEPARATION, STICK, SLIP_UP, SLIP_DOWN))
 
 
-def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
-    """Write one regime's equations as rows of factors of (x, d), and change to its eigenbasis.
+def _status(model: ReducedModel, mu: float, which: int) -> Status:
+    """Write the equations of a contact status as rows of factors of (x, d), and change to its eigenbasis.
 
-    x holds those of q, v, u and u' that do not follow from the others. In contact the gaps, -u_N and in stick
-    S - u_T, take the place of one or two soft modes. Modal displacements all but cancel in a gap, so that as a sum
-    over all modes it would lose digits, some four of them in the forces.
+    x is (q, v, u_N, u_T) less what follows from the rest: in contact u_N is -g_N, in stick u_T is S - g_T; in
+    separation P1's rigid mode is part of d.
     """
     k, c, K, C, normal, tangential = model.stiffness, model.damping, model.K, model.C, *model.shapes
     n, rigid = len(k), int(np.argmin(k))
-    # The rigid mode and the gap along x serve only where no mode is softer than the element.
-    elastic = np.where(k > 0.0, k, K[0, 0] * normal[rigid] ** 2)
-    first = int(np.argmax(normal**2 / elastic))
-    lean = tangential[first] / normal[first]
-    across = tangential - lean * normal
-    second = int(np.argmax(across**2 / elastic))
-    both = which == STICK and across[second] ** 2 * K[1, 1] > elastic[second]
-    # P1's rigid mode is part of d in separation, and u' follows from u there, as u_T' does in slip.
-    one = rigid if which == SEPARATION else first
-    rest = {SEPARATION: [2 * n + 2, 2 * n + 3], STICK: [2 * n + 1, 2 * n + 3]}.get(which, [2 * n + 3])
-    dependent = [one, n + one, *([second, n + second] if both else rest)]
-    x = np.delete(np.arange(2 * n + 4), dependent)
-    unit = np.delete(np.eye(2 * n + 10), dependent, axis=1)
-    q, v, u, rate, d = np.split(unit, [n, 2 * n, 2 * n + 2, 2 * n + 4])
-    # x at the start of the regime from (q, v, u) and d.
-    given, load = np.eye(2 * n + 4, 2 * n + 8), np.stack([d[ONE], 0.0 * d[ONE]])
+    dependent = {SEPARATION: [rigid, n + rigid], STICK: [2 * n, 2 * n + 1]}.get(which, [2 * n])
+    x = np.delete(np.arange(2 * n + 2), dependent)
+    q, v, u, d = np.split(np.delete(np.eye(2 * n + 8), dependent, axis=1), [n, 2 * n, 2 * n + 2])
+    load = np.stack([d[ONE], 0.0 * d[ONE]])
     if which == SEPARATION:
         q[rigid], v[rigid] = d[Q_R], d[V_R]
         rate, force = -np.linalg.inv(C) @ (K @ u + load), 0.0 * load
     else:
-        given[2 * n + 2 :] = np.pad(-model.shapes, ((0, 0), (n, 8)))
-        given[2 * n + 3, 2 * n + 2 + P] = 1.0
-        if which != STICK:
+        u[0], rate = -normal @ q, np.stack([-normal @ v, d[P] - tangential @ v])
+        if which == STICK:
+            u[1] = d[S] - tangential @ q
+        else:
             # T = m N: K_T u + C_T u' = m (K_N u + C_N u' + 1), solved for u_T'.
             m = mu if which == SLIP_UP else -mu
             stiff, viscous = K[1] - m * K[0], C[1] - m * C[0]
             rate[1] = -(stiff @ u + viscous[0] * rate[0] - m * d[ONE]) / viscous[1]
-        for part, own, driven in ((q, u, d[S]), (v, rate, d[P])):
-            if both:
-                part[second] = (driven - own[1] + lean * own[0] - across @ part) / across[second]
-            part[first] = -(own[0] + normal @ part) / normal[first]
-            if which == STICK and not both:
-                own[1] = driven - tangential @ part
         force = K @ u + C @ rate + load
     rate_T = tangential @ v - d[P]
     acceleration = -c[:, None] * v - k[:, None] * q + np.outer(model.inertia, d[A])
@@ -308,13 +285,15 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     }[which]  # fmt: skip
     inertial, velocity, damped = model.inertia @ v, model.point_b @ v, np.sqrt(c)[:, None] * v
     outputs = np.vstack([rate, C @ rate, inertial, velocity, N, T, speed, damped])
-    size, light = len(x), model.W[0, 0] ** -0.5
-    closing = [-normal @ acceleration, d[A] - tangential @ acceleration]
-    moving = np.vstack([v, acceleration, rate, *closing])[x]
-    # Displacements weighted by frequency, u by stiffness and u' by mass: the norm is then near the energy's.
-    scale = np.concatenate([np.sqrt(np.maximum(k, 1.0)), np.ones(n), np.sqrt(np.diag(K)), np.full(2, light)])[x]
+    size, moving = len(x), np.vstack([v, acceleration, rate])[x]
+    # Displacements weighted by frequency and u by stiffness: the norm is then near the energy's.
+    omega = np.sqrt(np.where(k > 0.0, k, model.contact_frequency**2))
+    scale = np.concatenate([omega, np.ones(n), np.sqrt(np.diag(K))])[x]
     matrix, forcing = moving[:, :size] * scale[:, None] / scale, moving[:, size:] * scale[:, None]
-    eigenvalues, vectors, back = _eigenbasis(matrix)
+    eigenvalues, vectors = (part.astype(complex) for part in np.linalg.eig(matrix))
+    # Rows of one size lose fewer digits: near the Painleve limit u_T exceeds all else by orders of magnitude.
+    units = 1.0 / np.abs(vectors).sum(axis=1)
+    back = np.linalg.inv(units[:, None] * vectors) * units
     # D is nilpotent where B is not zero: three iterations solve Z^-1 (M E + B) = Z^-1 E D.
     forced, steady, D = back @ forcing, np.zeros((size, 6)), np.zeros((6, 6))
     D[S, P] = D[P, A] = 1.0
@@ -326,27 +305,7 @@ def _regime(model: ReducedModel, mu: float, which: int) -> Regime:
     back = np.where(eigenvalues.imag > 0.0, 2.0, 1.0)[:, None] * back[kept] * scale
     # (x, d) from w.
     change = np.block([[vectors, steady], [np.zeros((6, vectors.shape[1])), np.eye(6)]])
-    entry = back @ (given[x] - np.pad(steady, ((0, 0), (2 * n + 2, 0))))
+    entry = back @ (np.eye(2 * n + 2, 2 * n + 8)[x] - np.pad(steady, ((0, 0), (2 * n + 2, 0))))
     rows = (np.vstack([q, v, u]), np.stack(margins), outputs)
-    entry, state, watched, seen = (part.astype(complex) for part in (entry, *(row @ change for row in rows)))
-    return Regime(eigenvalues, entry, state, watched, np.stack([seen.real.T, seen.imag.T]))
-
-
-def _eigenbasis(matrix: Array) -> tuple[Complex, Any, Any]:
-    """Eigenvalues, eigenvectors and their inverse, the latter two in extended precision."""
-    values, vectors = (part.astype(complex) for part in np.linalg.eig(matrix))
-    # Rows are scaled to the same size before the condition number is judged: close to the friction at which slip
-    # loses its unique force, u_T is larger than all else by orders of magnitude, and no two eigenvalues coincide.
-    units = 1.0 / np.abs(vectors).sum(axis=1)
-    basis = units[:, None] * vectors
-    if np.linalg.cond(basis) > WORST:
-        raise SceneValueError(
-            "method = 'exact': two eigenvalues of a contact regime coincide, so that it has no eigenbasis; change"
-            " mu or theta in the eighth digit"
-        )
-    # Large displacements of slow modes in forced and free motion cancel: the inverse is refined (Newton's method).
-    # Where the platform has no extended precision, less damping is possible.
-    vectors, back = vectors.astype(np.clongdouble), np.linalg.inv(basis) * units
-    for _ in range(2):
-        back = back + back @ (np.eye(len(values)) - vectors @ back)
-    return values, vectors, back
+    state, watched, seen = (row @ change for row in rows)
+    return Status(eigenvalues, entry, state, watched, np.stack([seen.real.T, seen.imag.T]))

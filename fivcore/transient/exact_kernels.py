@@ -1,6 +1,6 @@
 """Compiled kernels of `method="exact"`: event search, work and dissipation by quadrature, sampling.
 
-Within a contact regime every output, at the time s since the regime was entered, is
+Within a contact status every output, at the time s since it was entered, is
 
     f(s) = Re sum_k a_k w_k(s),     w = (exp(lambda_1 s), ..., exp(lambda_m s), S, P, A, 1, q_r, v_r).
 
@@ -23,8 +23,8 @@ _WHOLE = ("contact", "now", "sample_every", "row_every", "samples", "rows")
 SCENE = np.dtype([*FIELDS, *((name, "i8") for name in _WHOLE)])
 # Slots of `start`; the first six are those of d.
 S, P, A, ONE, Q_R, V_R, PULL, DRAG = range(8)
-# Outputs that precede the n modal velocities, each times the root of its mode's damping: rates of u, the element's
-# viscous forces, modal force of a unit acceleration times velocity, and the five numbers of a row.
+# Outputs that precede the n modal velocities, each times the root of its mode's damping: rates of u, the
+# dashpot's forces, modal force of a unit acceleration times velocity, and the five numbers of a row.
 RATE_N, RATE_T, VISCOUS_N, VISCOUS_T, INERTIAL, V_B, N_, T_, SPEED, SIGNALS = range(10)
 # A zero is located when the next step towards it is shorter than this; longest step of the search, s.
 LOCATED, AHEAD = 1e-14, 1e-4
@@ -142,15 +142,15 @@ def observe(
     motion: Any, contact: int, origin: float, now: float, end: float, step: float, first: int, last: int,
     scenes: Any, samples: Any, rows: Any, sticks: Any,
 ) -> None:  # fmt: skip
-    """Add what a regime contributes between the times `now` and `end`, s, to the record `scenes` (1,).
+    """Add what a status contributes between the times `now` and `end`, s, to the record `scenes` (1,).
 
-    `motion` holds eigenvalues (m,), amplitudes (m + 6,), `Regime.outputs` and `start`; the regime with its contact
+    `motion` holds eigenvalues (m,), amplitudes (m + 6,), `Status.outputs` and `start`; the status with its contact
     state was entered at the time `origin`. The first slip begins the statistics anew. Statistics and series are
     read in the middle of the steps from `first` up to `last`: a row of `samples` is velocity of B, slip rate and
     N; one of `rows` is time, velocity of B, N, T, slip rate and contact state.
 
     Work and dissipation are integrated by Gauss-Legendre quadrature of order 16. An interval is at most 2.5 over
-    the fastest frequency, and at most a quarter of the fastest time longer than the time since the regime was
+    the fastest frequency, and at most a quarter of the fastest time longer than the time since the status was
     entered, which resolves fast decay while it lasts.
     """
     eigenvalues, amplitudes, outputs, start = motion

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from fivcore.beams.modes import propagator
-from fivcore.contact.ablation import modified
-from fivcore.contact.reduced import INTERVAL, ReducedModel, reduced_model
+from fivcore.contact.reduced import INTERVAL, ReducedModel, modified, reduced_model
 from fivcore.contact.step_map import at_most, largest_stable_step, stable
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array
@@ -24,8 +23,7 @@ from fivcore.transient import fast_scene as at
 from fivcore.transient import onset
 from fivcore.transient.fast_kernel import advance
 from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
-from fivcore.transient.moving_contact import ContactMotion, moved_model
-from fivcore.transient.normalised import Normalised, State, displacement, element_displacement, slip_distance
+from fivcore.transient.normalised import Normalised, State, displacement, residual_gaps, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import (
     FIELDS,
@@ -33,11 +31,9 @@ from fivcore.transient.statistics import (
     SAMPLED_COUNTERS,
     SEPARATION,
     SETTLED,
-    SETTLING,
     SLIP,
     STICK,
     Segment,
-    begin,
     count_in,
     room_for_sticks,
 )
@@ -57,8 +53,7 @@ class FastRun:
 
     def __init__(self, scene: Normalised, options: Options) -> None:
         self.scene, self.options = scene, options
-        model = reduced_model(scene.rig, scene.theta, options.cutoff, options.termination)
-        model = modified(model, options.modify)
+        model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
         self.step = model.default_step if options.step is None else options.step
         limit, what = model.largest_step, "the contact"
         if model.default_step < self.step <= limit and not stable(model, scene.mu, self.step):
@@ -80,25 +75,21 @@ class FastRun:
         # A ramp shorter than a step is none.
         self._ramp = options.ramp if options.ramp >= self.step else 0.0
         self._ramp_ends = int(self._ramp / self.step)
-        self._motion = (
-            ContactMotion(scene, options.ramp, options.contact_motion) if options.contact_motion != 0 else None
-        )
-        finer = options.cutoff is None and options.initial is None and self._motion is None and model.K.any()
+        finer = options.cutoff is None and options.initial is None and model.K.any()
         self._fine = onset.finer_solver(scene, self.step, options) if finer else None
         distance = slip_distance(scene)
         self._share = 1.0 - min(onset.LEAD * scene.speed_per_load / distance, 1.0) if distance > 0.0 else 0.0
         self._sample_every = max(round(INTERVAL / self.step), 1)
-        rate = options.sampling_rate
-        self._row_every = 0 if rate is None else max(round(1.0 / (rate * self.step)), 1)
+        self._row_every = options.rows(self.step)[0]
         self.rate = 1.0 / (self._sample_every * self.step)
-        self.may_settle = options.end_early and self._motion is None and bool(model.K.any())
+        self.may_settle = options.end_early and bool(model.K.any())
         self._length = SHORT_SEGMENT
         # Where a phase of the onset ends, in its own steps (0: there is none); whether contact has opened in it.
         self._onset_ends, self._opened = 0, False
         # Where a segment ends; a record may cut it into several.
         self._until = 0
         self.segments: Iterable[Segment] = ()
-        self.record = begin(np.zeros(1, at.SCENE), options.settle, SETTLING, options.min_stick)
+        self.record = options.record_of(scene, at.SCENE)
         self._tables: SkipTables | None = None
         self._solver = self._coarse = frozen_solver(model, scene.mu, self.step)
         self.blocks = self._solver.blocks.copy()
@@ -117,17 +108,16 @@ class FastRun:
     def _start(self, initial: State | None) -> None:
         model, scene, solver = self.model, self.scene, self._solver
         u: Array = np.zeros(2)
+        contact = self.options.contact
         if initial is None:
-            contact = STICK
             q, v = (np.zeros(len(model.rest)) for _ in range(2))
             if model.K.any():
                 u = np.asarray(np.linalg.solve(solver.impulse.stiffness, [1.0, 0.0]))
         else:
-            contact = initial.contact
             q = initial.displacement[model.kept] - model.rest
             v = initial.velocity[model.kept].copy()
             if model.K.any():
-                u = element_displacement(scene, model.kept, initial)
+                u = residual_gaps(scene, model.kept, initial)
                 if contact != SEPARATION:
                     u = np.asarray(np.linalg.solve(solver.impulse.stiffness, model.K @ u))
         # Within the ramp coordinates are deviations from the equilibrium in the accelerating frame.
@@ -159,7 +149,6 @@ class FastRun:
         record["acceleration"] = self.scene.speed_per_load / self._ramp if self._ramp > 0.0 else 0.0
         settled = float(record["settled_from"][0])
         record["settle"] = int(np.ceil(settled / solver.step - 0.5)) if settled < np.inf else 0
-        record["moving"] = self._motion is not None
 
     def _place(self, q: Array, v: Array) -> None:
         """Put the modes where they are before an impulse."""
@@ -225,7 +214,7 @@ class FastRun:
 
     def _plan(self) -> None:
         """Decide where the next segment ends and what ends it before."""
-        record, solver, motion = self.record, self._solver, self._motion
+        record, solver = self.record, self._solver
         finer = onset.FINER if self._onset_ends else 1
         every, rows = self._sample_every * finer, self._row_every * finer
         now, threshold, self._tables = int(record["now"][0]), np.inf, None
@@ -238,16 +227,11 @@ class FastRun:
             ramp_ends, length = self._ramp_ends, min(max(round(self._length / self.step), 1), MOST_STEPS)
             if now >= self._until:
                 last = min((now // grid + (1 if now % grid else max(length // grid, 1))) * grid, self.steps)
-                if motion is not None:
-                    last = min(now + motion.segment_steps(self.step), self.steps)
                 self._until = min(last, ramp_ends) if now < ramp_ends else last
-                if motion is not None:
-                    self._follow(motion, now, self._until)
-                    record, solver = self.record, self._solver
             last = self._until
             if now >= ramp_ends and self._fine is not None:
                 threshold = self._share * self.scene.mu
-            if motion is None and self.options.skip and now * self.step >= self._ramp:
+            if self.options.skip and now * self.step >= self._ramp:
                 self._tables = skip_tables(solver.model, solver.step, every)
         if rows:
             piece = grid * max(MOST_ROWS * rows // grid, 1)
@@ -315,7 +299,7 @@ class FastRun:
     def _enter_onset(self, fine: Solver) -> None:
         """Go on with more modes and finer steps."""
         coarse, now = self._coarse, self.now
-        state = onset.prolong(coarse, fine, *self._between(coarse), self._element)
+        state = onset.prolong(coarse, fine, *self._between(coarse), self._u)
         self._change_to(fine, state, now * self.step)
         self.record["now"] = now * onset.FINER
         self._onset_ends = min(self.steps, now + round(onset.LONGEST / self.step)) * onset.FINER
@@ -324,7 +308,7 @@ class FastRun:
     def _leave_onset(self) -> None:
         """Go on with the modes and steps of the run."""
         fine, now, touches = self._solver, self.now, bool(self.record["contact"] != SEPARATION)
-        state = onset.restrict(fine, self._coarse, *self._between(fine), self._element, touches)
+        state = onset.restrict(fine, self._coarse, *self._between(fine), self._u, touches)
         self._change_to(self._coarse, state, now * self.step)
         self.record["now"], self._onset_ends = now, 0
 
@@ -333,7 +317,7 @@ class FastRun:
         return _move(solver.model, self._row(at.Q), self._row(at.V), -0.5 * solver.step)
 
     def _change_to(self, solver: Solver, state: tuple[Array, Array, Array], t: float) -> None:
-        """Go on with another model and step from modes and element at time t, between two impulses."""
+        """Go on with another model and step from modes and u at time t, between two impulses."""
         q, v, u = state
         self._use(solver)
         self._shift = np.zeros(len(q))
@@ -359,7 +343,7 @@ class FastRun:
             return None
         steady = steady_sliding(self.model, self.scene.mu, self.step)
         self.may_settle = steady is not None and steady.decays
-        state = self._row(at.Q), self._row(at.V), self._element
+        state = self._row(at.Q), self._row(at.V), self._u
         return steady if steady is not None and steady.is_permanent(*state, speed) else None
 
     def _fill(self, steady: SteadySliding) -> Iterator[Segment]:
@@ -401,39 +385,16 @@ class FastRun:
             t = np.array([(begin * every + 0.5) * step])
             yield Segment(t, np.array([sample]), further=count - 1)
 
-    # A contact point that moves.
-
-    def _follow(self, motion: ContactMotion, first: int, last: int) -> None:
-        """Take the contact point along with P2 through steps `first` to `last`."""
-        begin, end = (motion.position((i + 0.5) * self.step) for i in (first, last))
-        q, v, u = self._row(at.Q) + self.model.rest, self._row(at.V), self._element
-        model, after = (moved_model(self.model, self.scene, place) for place in (begin, end))
-        normal = (after.normal - model.normal) / (last - first)
-        tangential = (after.tangential - model.tangential) / (last - first)
-        # The modes that are not kept do work too when their shapes change under the contact force: the element's
-        # energy at the same u changes by that.
-        softer = self._solver.impulse.stiffness
-        self.record["work"] += self._ramp_work(model.rest - self.model.rest)
-        self._use(Solver(model, self.scene.mu, self.step))
-        self.record["work"] += 0.5 * float(u @ (self._solver.impulse.stiffness - softer) @ u)
-        put(self.blocks, at.SLIDE_N, normal)
-        put(self.blocks, at.SLIDE_T, tangential)
-        self._place(q - model.rest, v)
-        record = self.record
-        record["u_N"], record["u_T"] = u
-        record["rest_slide_N"], record["rest_slide_T"] = normal @ model.rest, tangential @ model.rest
-        record["moving_rate"] = (normal @ (q - model.rest) + record["rest_slide_N"]) / self.step
-
     # Energy.
 
     @property
-    def _element(self) -> Array:
+    def _u(self) -> Array:
         return np.array([self.record["u_N"][0], self.record["u_T"][0]])
 
     def stored_energy(self) -> float:
-        """Energy of the modes about the equilibrium, the element, the load and the ramp's push, normalised."""
+        """Energy of the modes about the equilibrium, the springs, the load and the ramp's push, normalised."""
         q = self._row(at.Q) + self._shift
-        return self._energy_of(q, self._row(at.V), self._element) - self._ramp_work(q)
+        return self._energy_of(q, self._row(at.V), self._u) - self._ramp_work(q)
 
     def _ramp_work(self, q: Array) -> float:
         """Work of the accelerating clamp on the inertia of P2 over modal displacements."""
@@ -441,17 +402,13 @@ class FastRun:
 
     def _energy_of(self, q: Array, v: Array, u: Array) -> float:
         model, K = self.model, self._solver.impulse.stiffness
-        energy = 0.5 * np.sum(v**2 + model.stiffness * q**2) + model.normal @ q + 0.5 * u @ K @ u
-        if self._motion is not None:
-            # The equilibrium moves with the contact point.
-            energy += model.normal @ model.rest - 0.5 * model.stiffness @ model.rest**2
-        return float(energy)
+        return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + model.normal @ q + 0.5 * u @ K @ u)
 
     def released_energy(self) -> float:
         """Decrease of the stored energy since the start, normalised."""
         return self._first_energy - self.stored_energy()
 
-    def calm(self, floor: float) -> bool:
+    def flush(self, floor: float) -> bool:
         """Set what is far below every scale to zero; False where a number is not finite."""
         moving = self.blocks[:, at.Q : at.V + 1]
         moving[np.abs(moving) < floor] = 0.0

@@ -35,7 +35,6 @@ _STICK, _SLIP, _SEPARATION = float(STICK), float(SLIP), float(SEPARATION)
 _A, _B, _C, _D = (np.uint64(row * at.BLOCK) for row in (at.A, at.B, at.C, at.D))
 _NORMAL, _TANGENTIAL = (np.uint64(row * at.BLOCK) for row in (at.NORMAL, at.TANGENTIAL))
 _Q, _V, _POINT_B, _DAMPING = (np.uint64(row * at.BLOCK) for row in (at.Q, at.V, at.POINT_B, at.DAMPING))
-_SLIDE_N, _SLIDE_T = (np.uint64(row * at.BLOCK) for row in (at.SLIDE_N, at.SLIDE_T))
 _BLOCK, _BLOCK_SIZE = np.uint64(at.BLOCK), np.uint64(at.BLOCK_SIZE)
 
 
@@ -68,21 +67,6 @@ def observe(x: Any, first: Any, count: Any, half_N: float, half_T: float) -> Any
     return speed, power
 
 
-@reordered
-def follow_shapes(x: Any, first: Any, count: Any) -> Any:
-    """Gap shapes of the next step, and by how much the gaps and their rates change with them alone."""
-    gN, gT, vN, vT = 0.0, 0.0, 0.0, 0.0
-    for j in range(first, first + count):
-        normal, tangential, q, v = x[j + _SLIDE_N], x[j + _SLIDE_T], x[j + _Q], x[j + _V]
-        x[j + _NORMAL] += normal
-        x[j + _TANGENTIAL] += tangential
-        gN += normal * q
-        gT += tangential * q
-        vN += normal * v
-        vT += tangential * v
-    return gN, gT, vN, vT
-
-
 @contracted
 def solve_contacts(x: Any, lanes: Any) -> None:
     """Solve the contact in the present step of all scenes of a group, with all that is counted in every step.
@@ -95,7 +79,7 @@ def solve_contacts(x: Any, lanes: Any) -> None:
         M_NN, M_NT, M_TT = x.M_NN[g], x.M_NT[g], x.M_TT[g]
         K_NN, K_NT, K_TT = x.K_NN[g], x.K_NT[g], x.K_TT[g]
         relax_NN, relax_NT, relax_TN, relax_TT = x.relax_NN[g], x.relax_NT[g], x.relax_TN[g], x.relax_TT[g]
-        was, u_N, u_T, ramp, moving_rate = x.contact[g], x.u_N[g], x.u_T[g], x.ramp[g], x.moving_rate[g]
+        was, u_N, u_T, ramp = x.contact[g], x.u_N[g], x.u_T[g], x.ramp[g]
         stuck, apart = was == _STICK, was == _SEPARATION
         # The law of stick after this state.
         Np_0, Nu_0, Nn_0, Nt_0 = x.Np_0[g], x.Nu_0[g], x.Nn_0[g], x.Nt_0[g]
@@ -125,7 +109,7 @@ def solve_contacts(x: Any, lanes: Any) -> None:
         X = 0.5 * started * t if in_ramp else speed * (t - 0.5 * ramp)
         # Gaps before the impulse. The unit load's share of it comes first.
         p, gT = x.p_rest[g] - x.g_N[g], x.g_T[g] + (x.T_rest[g] - X)
-        vN, vT = x.v_N[g] - (M_NN - moving_rate), x.v_T[g] - (M_NT + drive)
+        vN, vT = x.v_N[g] - M_NN, x.v_T[g] - (M_NT + drive)
         # Without an element the gap of a lasting contact is rounding: only its force can end it.
         open_already = (p <= relax_NN * u_N + relax_NT * u_T) & (apart | (not rigid))
         # Stick.
@@ -183,7 +167,7 @@ def solve_contacts(x: Any, lanes: Any) -> None:
         x.anchor[g] = gT + end_T if sticks & (not stuck) else anchor
         x.termination[g] += step * power if closed else 0.5 * released
         x.impact[g] -= landing
-        x.work[g] += step * (T * drive - N * moving_rate)
+        x.work[g] += step * (T * drive)
         x.friction[g] -= step * (T * slip_rate)
         x.sum_N[g] += step * N
         x.max_N[g], x.max_slip[g] = max(x.max_N[g], N), max(x.max_slip[g], abs(slip_rate))
@@ -234,12 +218,12 @@ def take_steps(turn: Any, scenes: Any, group: Any, modes: Any, samples: Any, row
     x, count = group[0], len(turn)
     # Where the modes of a lane begin, and how many its first block has.
     firsts, sizes = np.empty(at.LANES, dtype=np.uint64), np.empty(at.LANES, dtype=np.uint64)
-    # Whether a lane has further blocks or a contact point that moves.
+    # Whether a lane has further blocks.
     further = False
     for g in range(count):
         scene = scenes[turn[g]]
         firsts[g], sizes[g] = np.uint64(scene.modes_at), min(np.uint64(scene.modes), _BLOCK)
-        further = further or scene.blocks > 1 or scene.moving != 0
+        further = further or scene.blocks > 1
     # Steps before a lane is observed or left.
     quiet = 0.0
     while True:
@@ -306,18 +290,6 @@ def take_steps(turn: Any, scenes: Any, group: Any, modes: Any, samples: Any, row
                         modes, first + np.uint64(k) * _BLOCK_SIZE, size, impulse_N, impulse_T
                     )
                     x.g_N[g], x.g_T[g], x.v_N[g], x.v_T[g] = x.g_N[g] + a, x.g_T[g] + b, x.v_N[g] + c, x.v_T[g] + d
-                if scene.moving != 0:
-                    byN, byT = 0.0, 0.0
-                    for k in range(scene.blocks):
-                        size = min(left - np.uint64(k) * _BLOCK, _BLOCK)
-                        a, b, c, d = follow_shapes(modes, first + np.uint64(k) * _BLOCK_SIZE, size)
-                        byN, byT, x.v_N[g], x.v_T[g] = byN + a, byT + b, x.v_N[g] + c, x.v_T[g] + d
-                    x.g_N[g], x.g_T[g] = x.g_N[g] + byN, x.g_T[g] + byT
-                    # What sticks does not slide over P2.
-                    x.anchor[g] += byT + scene.rest_slide_T
-                    x.p_rest[g] -= scene.rest_slide_N
-                    x.T_rest[g] += scene.rest_slide_T
-                    x.moving_rate[g] = (byN + scene.rest_slide_N) * scene.per_step
         for g in range(at.LANES):
             x.now[g] += 1.0
         quiet -= 1.0

@@ -10,10 +10,10 @@ from fivcore.jit import Array
 from fivcore.transient.statistics import COUNTED, FIELDS, SEPARATION, SLIP, STICK
 
 # Rows of a block of modes: flow over a step (q' = A q + B v, v' = C q + D v), gap shapes, displacement and
-# velocity, shape at B, damping, change of the gap shapes in a step.
+# velocity, shape at B, damping.
 BLOCK = 48
-(A, B, C, D, NORMAL, TANGENTIAL, Q, V, POINT_B, DAMPING, SLIDE_N, SLIDE_T) = range(12)
-BLOCK_ROWS = 12
+(A, B, C, D, NORMAL, TANGENTIAL, Q, V, POINT_B, DAMPING) = range(10)
+BLOCK_ROWS = 10
 BLOCK_SIZE = BLOCK * BLOCK_ROWS
 # A step that does not come.
 NEVER = 1 << 60
@@ -24,7 +24,7 @@ MIN_SAMPLES, MAX_SKIP = 48, 1024
 LANES = 8
 
 # N and T that stick needs from (p, u_T, v_N, v_T); how long before the middle of a step slip begins; the share of
-# a lasting force that acts (`fivcore.contact.law.RegimeMaps`). Each of them after separation, stick and slip.
+# a lasting force that acts (`fivcore.contact.law.StatusMaps`). Each of them after separation, stick and slip.
 STICK_LAW = [*(f"{force}{of}" for force in "NT" for of in "punt"), "offset", "share"]
 _IN_STEP = [
     *(f"{name}_{state}" for state in (SEPARATION, STICK, SLIP) for name in STICK_LAW),
@@ -37,8 +37,8 @@ _IN_STEP = [
     # Drive of the clamp; 1 where there is no element.
     "step per_step speed ramp acceleration rigid",
     # Gaps and their rates by the modes before the impulse; penetration and g_T at rest, the latter with inertia of
-    # the base; rate of g_N by the motion of the contact point; the element's state; g_T + u_T when stick began.
-    "g_N g_T v_N v_T p_rest T_rest moving_rate u_N u_T anchor",
+    # the base; the element's state; g_T + u_T when stick began.
+    "g_N g_T v_N v_T p_rest T_rest u_N u_T anchor",
     # Changes of the contact state; when the present stick began; the step of the last change that has not been
     # looked at yet, -1 for none.
     "switches stick_start changed_in",
@@ -51,17 +51,15 @@ IN_STEP = [*" ".join(_IN_STEP).split(), *COUNTED]
 # before it and when a stick that it ended began.
 _IN_LANE = "now next until slipped awaits_open least_stick contact N T slip_rate notable was begun"
 _NUMBERS = [
-    # Velocity of B for half an impulse; changes of the gaps at rest in a step of a contact point that moves;
-    # |T| / N above which a segment ends where a sample is taken.
-    "B_N B_T rest_slide_N rest_slide_T threshold",
+    # Velocity of B for half an impulse; |T| / N above which a segment ends where a sample is taken.
+    "B_N B_T threshold",
 ]
 _COUNTS = [
     # Contact state, present step, end of the segment; the next sample, row of the record and try of a skip; the
     # step from which statistics count.
     "contact now last next_sample next_row next_skip settle sample_every row_every",
-    # Whether the first separation ends the segment, the contact point moves, and whether the segment has ended
-    # before its last step.
-    "until_open moving stopped",
+    # Whether the first separation ends the segment, and whether the segment has ended before its last step.
+    "until_open stopped",
     # Modes and their blocks, and where they begin; where the tables of the skip begin (-1: none), and samples and
     # rows; how many there are of these.
     "modes blocks modes_at skip_at samples_at rows_at samples rows",

@@ -8,7 +8,7 @@ import numpy as np
 
 from fivcore.beams.modes import one_blas_thread, propagator
 from fivcore.contact.impulse import between_impulses
-from fivcore.contact.law import regime_maps
+from fivcore.contact.law import status_maps
 from fivcore.contact.reduced import ReducedModel
 from fivcore.errors import not_unique
 from fivcore.jit import Array
@@ -29,12 +29,12 @@ class Solver:
     @one_blas_thread()
     def __init__(self, model: ReducedModel, mu: float, step: float) -> None:
         self.model, self.step = model, step
-        critical = model.critical_mu(step, mu)
-        if mu >= critical:
-            raise not_unique(mu, critical)
+        limit = model.painleve_mu(step, mu)
+        if mu >= limit:
+            raise not_unique(mu, limit)
         gaps, lower = model.shapes, np.tril_indices(2)
         self.impulse = impulse = model.impulse(step)
-        self.maps = maps = regime_maps(impulse.stiffness, impulse.damping, impulse.mobility, mu, step)
+        self.maps = maps = status_maps(impulse.stiffness, impulse.damping, impulse.delassus, mu, step)
         element, self.dissipation = bool(model.K.any()), model.dissipation(impulse)
         # Of the unit load impulses see what they see of a contact force.
         gap_N, gap_T = (float(gap @ model.rest) for gap in gaps)
@@ -47,17 +47,17 @@ class Solver:
         for row, values in zip(rows, (*flow, *gaps, model.point_b, model.damping), strict=True):
             put(self.blocks, row, values)
         self.record = record = np.zeros(1, at.SCENE)
-        law = {"relax": maps.separation, "ahead": maps.slip[0], "back": maps.slip[1], "M": impulse.mobility[lower]}
+        law = {"relax": maps.separation, "ahead": maps.slip[0], "back": maps.slip[1], "M": impulse.delassus[lower]}
         law |= {"K": impulse.stiffness[lower], "B": 0.5 * np.array([model.point_b @ gap for gap in gaps])}
         # In slip u_T has a rate of its own, which varies over the step.
         law["C"] = np.append(self.dissipation[lower], impulse.damping[1, 1] * maps.square_ratio)
         for regime, values in law.items():
             fields = [name for name in at.SCENE.names or () if name.startswith(f"{regime}_") and len(name) <= 8]
             record[fields] = tuple(values.ravel())
-        # Without an element half the force of lasting contact is what a landing needs.
+        # In rigid contact half the force of lasting contact is what an impact needs.
         share = 1.0 if element else 0.5
         before = {
-            SEPARATION: (*maps.landing.flat, maps.landing_offset, share),
+            SEPARATION: (*maps.closure.flat, maps.closure_offset, share),
             STICK: (*maps.stick.flat, maps.mean_offset, 1.0),
             SLIP: (*maps.entering.flat, maps.mean_offset, 1.0),
         }
@@ -85,5 +85,5 @@ def take(blocks: Array, row: int, count: int) -> Array:
     return blocks[:, row].ravel()[:count].copy()
 
 
-# The solver of a contact point that stays, built once: such steps do not change it, whatever V and F.
+# Built once, whatever V and F.
 frozen_solver = lru_cache(maxsize=64)(Solver)

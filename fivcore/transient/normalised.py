@@ -1,6 +1,6 @@
 """The normalised scene, the initial state, and the motion of P2's clamp.
 
-A frozen scene is homogeneous in (V, F), and (theta, V) mirrors (-theta, -V): every run is computed for V > 0 and
+A scene is homogeneous in (V, F), and (theta, V) mirrors (-theta, -V): every run is computed for V > 0 and
 F = 1, with V / F rounded to 12 digits, and scaled back. Copies of a scene then have the same bits.
 """
 
@@ -56,8 +56,8 @@ class State:
     contact: int
 
 
-def element_displacement(scene: Normalised, kept: NDArray[np.bool_], initial: State) -> Array:
-    """Displacement of the contact element, (2,), m per N of load: the gaps of the modes that are not `kept`."""
+def residual_gaps(scene: Normalised, kept: NDArray[np.bool_], initial: State) -> Array:
+    """Gaps of the modes that are not `kept`, (2,), m per N of load: u at the start."""
     full = full_model(scene.rig, scene.theta)
     return np.asarray(full.shapes * ~kept @ initial.displacement)
 
@@ -69,15 +69,26 @@ def displacement(t: Array, speed: float, ramp: float) -> Array:
     return np.where(t < ramp, 0.5 * speed * np.square(t) / ramp, speed * (t - 0.5 * ramp))
 
 
-def energy_at_hand(scene: Normalised, initial: State | None) -> float:
-    """Energy beside which a balance that turns over less is judged, as `energy_residual` says (F = 1)."""
+def energies(scene: Normalised) -> tuple[float, float]:
+    """What the load stores in static equilibrium, and P2's kinetic energy at its clamp's speed, for F = 1."""
     full = full_model(scene.rig, scene.theta)
-    twice = 1e-3 * float(np.sum(full.stiffness * full.rest**2))
-    twice += scene.speed_per_load**2 * float(np.sum(full.inertia**2))
+    stored = 0.5 * float(np.sum(full.stiffness * full.rest**2))
+    return stored, 0.5 * scene.speed_per_load**2 * float(np.sum(full.inertia**2))
+
+
+def reference_energy(scene: Normalised, initial: State | None) -> float:
+    """Energy that a balance is relative to if it turns over less (`energy_residual`), for F = 1."""
+    full, (stored, moving) = full_model(scene.rig, scene.theta), energies(scene)
+    energy = 1e-3 * stored + moving
     if initial is not None:
         q = initial.displacement - full.rest
-        twice += float(np.sum(full.stiffness * q**2 + initial.velocity**2)) + 2.0 * abs(float(full.normal @ q))
-    return 0.5 * twice
+        energy += 0.5 * float(np.sum(full.stiffness * q**2 + initial.velocity**2)) + abs(float(full.normal @ q))
+    return energy
+
+
+def loading_time(scene: Normalised) -> float:
+    """Time in which the drive at its speed loads a stuck contact until it slips, statically, s."""
+    return slip_distance(scene) / scene.speed_per_load
 
 
 def slip_distance(scene: Normalised) -> float:

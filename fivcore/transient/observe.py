@@ -65,23 +65,33 @@ _hann = lru_cache(WINDOW)(np.hanning)
 
 
 class Record:
-    """Named series of a run in the units of its scene: at the rows, or linear between them at given `times`."""
+    """Named series of a run in its scene's units: at the rows, or linear between them at `times` or a `rate`."""
 
-    def __init__(self, normalised: Normalised, names: Sequence[str], times: Array | None = None) -> None:
+    def __init__(
+        self, normalised: Normalised, names: Sequence[str], times: Array | None = None, rate: float | None = None
+    ) -> None:
         factors = {"normal_force": normalised.load, "state": 1.0}
         self._factors = {name: factors.get(name, normalised.load * normalised.sense) for name in names}
         self._parts: dict[str, list[NDArray[Any]]] = {name: [] for name in ("time", *names)}
-        self._times, self._last = times, np.empty((0, 1 + len(SERIES)))
+        self._times, self._rate, self._taken, self._last = times, rate, 0, np.empty((0, 1 + len(SERIES)))
 
     def add(self, rows: Array) -> None:
         """Take the next rows of `Segment.rows`."""
-        if self._times is None:
+        if self._times is None and self._rate is None:
             self._keep(rows)
         elif len(rows):
             rows = np.concatenate([self._last, rows])
             self._last = rows[-1:].copy()
-            t, self._times = np.split(self._times, [np.searchsorted(self._times, rows[-1, 0], side="right")])
-            self._keep(rows, t)
+            self._keep(rows, self._due(rows[-1, 0]))
+
+    def _due(self, until: float) -> Array:
+        """Times up to `until`, s, at which series have not been kept yet."""
+        if self._times is not None:
+            t, self._times = np.split(self._times, [np.searchsorted(self._times, until, side="right")])
+            return t
+        first, rate = self._taken, self._rate or 0.0
+        self._taken = max(int(until * rate * (1.0 + 1e-12)) + 1, first)
+        return np.asarray(np.arange(first, self._taken) / rate)
 
     def _keep(self, rows: Array, t: Array | None = None) -> None:
         """Keep the series at the rows or at times `t`; outside of all rows the nearest one counts."""
@@ -95,10 +105,13 @@ class Record:
                 values = np.interp(t, reached, values)
             self._parts[name].append(values.astype(np.int8) if name == "state" else values)
 
-    def whole(self) -> dict[str, Any]:
-        """Each series in one piece; nothing where nothing was recorded."""
+    def whole(self, end: float) -> dict[str, Any]:
+        """Each series of a run that ended at `end`, s, in one piece; nothing where nothing was recorded."""
         if self._times is not None:
             self._keep(self._last, self._times)
+        elif self._rate is not None:
+            t = self._due(end)
+            self._keep(self._last, t[t < end * (1.0 - 1e-12)])
         # Each is taken out before the next is joined: all but one then have one copy in memory.
         return {name: np.concatenate(parts) for name in [*self._parts] if (parts := self._parts.pop(name))}
 

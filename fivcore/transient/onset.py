@@ -15,8 +15,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from fivcore.contact.ablation import modified
-from fivcore.contact.reduced import default_cutoff, reduced_model
+from fivcore.contact.reduced import default_cutoff, modified, reduced_model
 from fivcore.errors import ContactError
 from fivcore.jit import Array
 from fivcore.transient.fast_solver import Solver, frozen_solver
@@ -29,13 +28,13 @@ LEAD, LONGEST, AFTER = 3e-3, 21e-3, 3e-3
 
 
 def finer_solver(scene: Normalised, step: float, options: Options) -> Solver | None:
-    """Build the finer solver; None where damping, the element or uniqueness of the contact force rule it out."""
+    """Build the finer solver; None where damping, a rigid contact or uniqueness of its force rule it out."""
     # With more material damping, s, nothing grows above the cut-off.
     if scene.rig.d2 > 1e-7:
         return None
     cutoff = HIGHER * default_cutoff(scene.rig)
-    model = reduced_model(scene.rig, scene.theta, cutoff, options.termination)
-    # With every mode kept there is no element whose state `prolong` could find.
+    model = reduced_model(scene.rig, scene.theta, cutoff)
+    # With every mode kept there is no u that `prolong` could find.
     if model.K.any() and step / FINER <= modified(model, options.modify).largest_step:
         with suppress(ContactError):
             return frozen_solver(modified(model, options.modify), scene.mu, step / FINER)
@@ -43,9 +42,9 @@ def finer_solver(scene: Normalised, step: float, options: Options) -> Solver | N
 
 
 def prolong(few: Solver, many: Solver, q: Array, v: Array, u: Array) -> tuple[Array, Array, Array]:
-    """Transfer displacements, velocities and the element's state to the model with more modes.
+    """Transfer displacements, velocities and u to the model with more modes.
 
-    The added modes and the new element follow the contact force statically.
+    The added modes and the new u follow the contact force statically.
     """
     model, common = many.model, few.model.kept[many.model.kept]
     force = few.impulse.stiffness @ u
@@ -58,11 +57,11 @@ def prolong(few: Solver, many: Solver, q: Array, v: Array, u: Array) -> tuple[Ar
 
 
 def restrict(many: Solver, few: Solver, q: Array, v: Array, u: Array, touches: bool) -> tuple[Array, Array, Array]:
-    """Transfer them to the model with fewer modes; the element's state takes over the gap of the lost modes."""
+    """Transfer them to the model with fewer modes; u takes over the gap of the lost modes."""
     model, common = many.model, few.model.kept[many.model.kept]
     force = many.impulse.stiffness @ u if touches else np.zeros(2)
     still = q - many.between_impulses(force)
     lost = model.shapes[:, ~common] @ (still + model.rest)[~common]
-    # Each element includes the compliance defect of its own step (`fivcore.contact.impulse`).
+    # Each u includes the compliance defect of its own step (`fivcore.contact.impulse`).
     defect = (few.impulse.defect - many.impulse.defect) @ force
     return still[common] + few.between_impulses(force), v[common], u + lost + defect

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from inspect import signature
 from typing import Any
 
 import numpy as np
 
 from fivcore import checks
-from fivcore.contact.ablation import Modify
-from fivcore.contact.reduced import TERMINATIONS
+from fivcore.contact.reduced import Modify
 from fivcore.errors import InputError
 from fivcore.jit import Array
 from fivcore.rig import Scene
-from fivcore.transient.moving_contact import ContactMotion
-from fivcore.transient.normalised import Normalised, State
-from fivcore.transient.statistics import SERIES
+from fivcore.transient.normalised import Normalised, State, loading_time
+from fivcore.transient.statistics import SERIES, SETTLING, STICK, begin
 from fivcore.transient.until import Until
 
 BOUNDS = {
@@ -27,6 +24,8 @@ BOUNDS = {
     "cutoff": (1.0, 1e12, "Hz"),
     "sample_rate": (1e-3, 1e9, "Hz"),
 }
+# Shortest long stick, in loading times.
+LONG_STICK = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,13 +41,11 @@ class Options:
     ramp: float = 1e-3
     settle: float | None = None
     initial: State | None = None
-    contact_motion: int = 0
     cutoff: float | None = None
-    termination: str = "absorbing"
     step: float | None = None
     min_stick: float | None = None
     record: tuple[str, ...] = ()
-    sample_rate: float = 100e3
+    sample_rate: float | None = 100e3
     sample_times: Array | None = None
     end_early: bool = True
     skip: bool = True
@@ -57,10 +54,22 @@ class Options:
     until: Until | None = None
 
     @property
-    def sampling_rate(self) -> float | None:
-        """Rate at which rows of a record are taken, Hz; infinite: in every step; None: not at all."""
-        # Sample times lie between two steps of the method.
-        return None if not self.record else self.sample_rate if self.sample_times is None else np.inf
+    def contact(self) -> int:
+        """Contact status at the start."""
+        return STICK if self.initial is None else self.initial.contact
+
+    def record_of(self, scene: Normalised, fields: Any) -> Any:
+        """A method's record (1,) with the counters at the start of a run."""
+        least = LONG_STICK * loading_time(scene) if self.min_stick is None else self.min_stick
+        return begin(np.zeros(1, fields), self.settle, SETTLING, least, self.contact)
+
+    def rows(self, step: float) -> tuple[int, float | None]:
+        """Steps between the rows of a record, 0 for none; rate at which series are interpolated in them, Hz."""
+        if not self.record or self.sample_times is not None or self.sample_rate is None:
+            return int(bool(self.record)), None
+        steps = 1.0 / (self.sample_rate * step)
+        whole = max(round(steps), 1)
+        return (whole, None) if abs(steps / whole - 1.0) < 1e-9 else (1, self.sample_rate)
 
 
 def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any]) -> Options:
@@ -69,48 +78,49 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
     if isinstance(options["duration"], Until):
         options |= {"until": options["duration"], "duration": options["duration"].most}
     for name, limits in BOUNDS.items():
-        if name in ("duration", "sample_rate") or options[name] is not None:
+        if name == "duration" or options[name] is not None:
             options[name] = checks.between(name, options[name], *limits)
     duration, rate, times = options["duration"], options["sample_rate"], options["sample_times"]
     allowed = "0 or a time from 1e-9 to 1000 s"
     ramp = checks.number("ramp", options["ramp"], allowed, lambda x: x == 0.0 or 1e-9 <= x <= 1e3)
-    options |= law_options(**{name: options[name] for name in signature(law_options).parameters})
-    allowed = "0, -1 (towards P2's clamp) or 1 (away)"
-    motion = int(checks.number("contact_motion", options["contact_motion"], allowed, lambda x: x in (-1, 0, 1)))
+    options |= law_options(options)
     record = _names(options["record"])
     for name in ("end_early", "leap"):
         checks.instance(name, options[name], bool)
-    if record and times is None and duration * rate > 1e8:
+    if record and times is None and rate is not None and duration * rate > 1e8:
         raise InputError(f"sample_rate = {rate:g}: over this duration it must be at most {1e8 / duration:g} Hz")
     checks.between("V / F", normalised.speed_per_load, 1e-12, 1e8, "m/s per N")
-    options |= {"ramp": ramp, "contact_motion": motion, "record": record, "skip": options.pop("leap")}
+    options |= {"ramp": ramp, "record": record, "skip": options.pop("leap")}
     if options["initial"] is not None:
         options["initial"] = _state(options["initial"], scene, normalised)
     if times is not None:
         options["sample_times"] = _times(times, record, duration)
-    if motion:
-        ContactMotion(normalised, ramp, motion).check(duration)
-        if options["method"] == "exact":
-            raise InputError(f"contact_motion = {motion}: for method 'exact' it must be 0")
-    if options["method"] == "paper" and options["cutoff"] is not None:
-        raise InputError(f"cutoff = {options['cutoff']:g}: the published scheme keeps all modes; leave it out")
     return Options(**options)
 
 
-def law_options(method: Any, termination: Any, modify: Any, numerical_damping: Any, beta2: Any) -> dict[str, Any]:
-    """Check the options that choose a method and its contact law; return the two that follow from others."""
-    checks.choice("method", method, ("fast", "exact", "paper"))
-    checks.choice("termination", termination, TERMINATIONS)
-    if modify is not None:
-        if not callable(modify):
-            raise InputError(f"modify = {checks.short(modify)}: it must be a function of a reduced model, or None")
-        if method == "paper":
-            raise InputError("modify: method 'paper' keeps all modes; leave it out")
-    if method == "exact" and termination != "absorbing":
-        raise InputError(f"termination = {termination!r}: it must be 'absorbing' for method 'exact'; use 'fast'")
+# Options that a method does not use.
+UNUSED = {
+    "fast": ("beta2",),
+    "exact": ("beta2", "leap", "end_early"),
+    "paper": ("cutoff", "modify", "leap", "end_early"),
+}
+
+
+def law_options(options: dict[str, Any]) -> dict[str, Any]:
+    """Check a method, that it uses all `options` that differ from their defaults, and its contact law.
+
+    Returns the two options that follow from others.
+    """
+    method, modify, numerical_damping, beta2 = (
+        options[name] for name in ("method", "modify", "numerical_damping", "beta2")
+    )
+    checks.choice("method", method, tuple(UNUSED))
+    for name in UNUSED[method]:
+        if (value := options.get(name)) is not None and value is not True:
+            raise InputError(f"{name} = {checks.short(value)}: method {method!r} does not use it; leave it out")
+    if modify is not None and not callable(modify):
+        raise InputError(f"modify = {checks.short(modify)}: it must be a function of a reduced model, or None")
     if beta2 is not None:
-        if method != "paper":
-            raise InputError(f"beta2 = {beta2}: method {method!r} has none, only 'paper'; leave it out")
         # Below 0.5 every mode grows.
         beta2 = checks.number("beta2", beta2, "a number from 0.5 to 1", lambda x: 0.5 <= x <= 1.0)
     if numerical_damping is None:

@@ -11,7 +11,7 @@ T = (T_last + r s mu N) / (1 + r), g_N = 0 and N >= 0, where s is the sign of T 
 a = a* + force / (1 + b dt c), v = v* + b dt a and q = q + dt v + dt^2 a / 2.
 
 This is Newmark's method with beta = 0 and gamma = b. For b > 1/2 it is of first order and adds (b - 1/2) dt to d2.
-The kernel adds its sums in a fixed order, with the same bits on every machine: the yardstick of other methods.
+The kernel adds its sums over modes in a fixed order.
 """
 
 from __future__ import annotations
@@ -24,10 +24,9 @@ import numpy as np
 from fivcore.contact.law import ratio
 from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.contact.step_map import at_most
-from fivcore.errors import ContactError, SceneValueError, not_unique
+from fivcore.errors import SceneValueError, not_unique
 from fivcore.jit import Array, inlined, kernel
 from fivcore.rig import Rig
-from fivcore.transient.moving_contact import ContactMotion, moved_model
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter
@@ -82,14 +81,11 @@ class PaperRun(SteppedRun):
                 f"step = {dt:g}: with this rig the published scheme needs at most {at_most(limit)} s; else"
                 " its fastest mode grows"
             )
-        critical = critical_friction(model, dt, b)
-        if scene.mu >= critical:
-            raise not_unique(scene.mu, critical)
-        direction, ramp, speed = options.contact_motion, options.ramp, scene.speed_per_load
-        self._motion = ContactMotion(scene, ramp, direction) if direction else None
-        length = self._motion.segment_steps(dt) if self._motion else round(SEGMENT / dt)
-        super().__init__(scene, options, dt, length, SCENE)
-        self._slide = np.zeros((2, 0))
+        painleve = painleve_mu(model, dt, b)
+        if scene.mu >= painleve:
+            raise not_unique(scene.mu, painleve)
+        ramp, speed = options.ramp, scene.speed_per_load
+        super().__init__(scene, options, dt, round(SEGMENT / dt), SCENE)
         self._inverse = 1.0 / (1.0 + b * dt * model.damping)
         record = self.record
         record["dt"], record["b"], record["r"], record["mu"] = dt, b, dt / TAU, scene.mu
@@ -100,9 +96,8 @@ class PaperRun(SteppedRun):
         self._load = model.stiffness * model.rest - model.normal
         q, T = model.rest.copy(), 0.0
         v, a = np.zeros((2, len(q)))
-        initial, record["contact"] = options.initial, STICK
+        initial = options.initial
         if initial is not None:
-            record["contact"] = initial.contact
             q, v = initial.displacement.copy(), initial.velocity.copy()
             a = self._load - model.stiffness * q - model.damping * v
             if initial.contact != SEPARATION:
@@ -133,23 +128,10 @@ class PaperRun(SteppedRun):
         self.record["gap_N"], self.record["gap_T"] = model.normal @ free, model.tangential @ free
 
     def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
-        if self._motion is not None:
-            # The contact point is taken along with P2.
-            places = [self._motion.position((i + 1) * self.step) for i in (first, last)]
-            model, after = (moved_model(self.model, self.scene, place) for place in places)
-            critical = critical_friction(model, self.step, self._b)
-            if self.scene.mu >= critical:
-                text = f"{not_unique(self.scene.mu, critical)}, with the contact {places[0]:.6g} m from P2's clamp"
-                raise ContactError(text)
-            self.model, self._slide = model, (after.shapes - model.shapes) / (last - first)
-            W = contact_closing(model, self.step, self._b)
-            self.record["W_NN"], self.record["W_NT"], self.record["W_TT"] = W
         model, before = self.model, self._q.copy()
-        # The kernel moves the gap shapes along with the contact point.
-        shapes = (model.normal.copy(), model.tangential.copy())
-        modes = (model.stiffness, model.damping, self._inverse, *shapes, model.point_b)
+        modes = (model.stiffness, model.damping, self._inverse, *model.shapes, model.point_b)
         state = (self._q, self._vs, self._a, np.empty_like(self._q))
-        advance(self.record, last, modes, self._f, self._slide, *state, samples, rows, sticks)
+        advance(self.record, last, modes, self._f, *state, samples, rows, sticks)
         # The accelerating clamp works on the inertia of P2; its work on the contact is counted in the kernel.
         self.record["work"] += np.sum((self._f - self._load) * (self._q - before))
         if last == self._cut:
@@ -162,8 +144,6 @@ class PaperRun(SteppedRun):
         self.record["work"] += np.sum(push * (self._vs + 0.5 * push))
         self._vs += push
         self._f = self._load
-        if self._motion is not None:
-            self.model = moved_model(self.model, self.scene, self._motion.position((step + 1) * self.step))
         self._predict()
 
     def stored_energy(self) -> float:
@@ -173,7 +153,7 @@ class PaperRun(SteppedRun):
     def _energy_of(self, q: Array, v: Array) -> float:
         return float(0.5 * np.sum(v**2 + self.model.stiffness * q**2) - self._load @ q)
 
-    def calm(self, floor: float) -> bool:
+    def flush(self, floor: float) -> bool:
         """Set numbers below `floor` to zero; False where one is not finite."""
         for part in (self._q, self._vs, self._a):
             part[np.abs(part) < floor] = 0.0
@@ -187,8 +167,8 @@ def contact_closing(model: ReducedModel, step: float, beta2: float) -> tuple[flo
     return scale * float(n @ (n * inverse)), scale * float(n @ (t * inverse)), scale * float(t @ (t * inverse))
 
 
-def critical_friction(model: ReducedModel, step: float, beta2: float) -> float:
-    """Smallest friction for which a divisor of the scheme's slip, W_NN +- mu W_NT r / (1 + r), is zero."""
+def painleve_mu(model: ReducedModel, step: float, beta2: float) -> float:
+    """Painleve limit: smallest mu at which a divisor of slip, W_NN +- mu W_NT r / (1 + r), is zero."""
     (W_NN, W_NT, _), r = contact_closing(model, step, beta2), step / TAU
     return ratio(W_NN * (1.0 + r) / r, W_NT)
 
@@ -235,15 +215,14 @@ def published_contact(
 
 @kernel
 def advance(
-    scenes: Any, last: int, modes: Any, f: Any, slide: Any, q: Any, vs: Any, a: Any, free: Any, samples: Any,
-    rows: Any, sticks: Any,
+    scenes: Any, last: int, modes: Any, f: Any, q: Any, vs: Any, a: Any, free: Any, samples: Any, rows: Any,
+    sticks: Any,
 ) -> None:  # fmt: skip
     """Take the steps up to `last` of one scene; the record and the state change in place.
 
     `scenes` (1,) is the record, `modes` holds k, c, 1 / (1 + b dt c), normal and tangential gap shapes and the
-    shape at B, `f` the constant modal force, `slide` (2, n) the changes of the gap shapes in a step, empty where
-    the contact point stays; `q`, `vs` and `a` are q, v* and a* of the present step, `free` workspace for q_free,
-    each (n,). Rows of `samples` and `rows` are as in `fivcore.transient.statistics.Segment`.
+    shape at B, `f` the constant modal force; `q`, `vs` and `a` are q, v* and a* of the present step, `free`
+    workspace for q_free, each (n,). Rows of `samples` and `rows` are as in `fivcore.transient.statistics.Segment`.
     """
     scene = scenes[0]
     k, c, inverse, normal, tangential, point_b = modes
@@ -298,14 +277,5 @@ def advance(
             predicted = (f[j] - k[j] * x - c[j] * star) * inverse[j]
             q[j], vs[j], a[j] = x, star, predicted
             free[j] = x + dt * (star + b * dt * predicted) + 0.5 * dt * dt * predicted
-        across, along = 0.0, 0.0
-        for j in range(slide.shape[1]):
-            normal[j] += slide[0, j]
-            tangential[j] += slide[1, j]
-            across += slide[0, j] * q[j]
-            along += slide[1, j] * q[j]
-        scene.work -= N * across
         scene.gap_N, scene.gap_T = _gaps(normal, tangential, free)
-        # A change of g_T by the change of its shape is no slip.
-        scene.last_gT += along
         scene.now = now + 1

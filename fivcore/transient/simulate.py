@@ -1,4 +1,4 @@
-"""The motion of scenes in time, `simulate` and `simulate_many`, and how far it is unique, `critical_mu`."""
+"""The motion of scenes in time, `simulate` and `simulate_many`, and how far it is unique, `painleve_mu`."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from inspect import signature
 from typing import Any
+from warnings import warn
 
 from fivcore import checks
-from fivcore.contact.ablation import Modify, modified
-from fivcore.contact.reduced import full_model, reduced_model
-from fivcore.errors import InputError, SceneError
+from fivcore.contact.reduced import Modify, full_model, modified, reduced_model
+from fivcore.errors import FIXED, FixedContactWarning, InputError, SceneError, fixed_contact
 from fivcore.rig import Rig, Scene
 from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
@@ -28,13 +28,11 @@ def simulate(
     ramp: float = 1e-3,
     settle: float | None = None,
     initial: State | tuple[Any, Any, int] | None = None,
-    contact_motion: int = 0,
     cutoff: float | None = None,
-    termination: str = "absorbing",
     step: float | None = None,
     min_stick: float | None = None,
     record: bool | Sequence[str] = False,
-    sample_rate: float = 100e3,
+    sample_rate: float | None = 100e3,
     sample_times: Any = None,
     end_early: bool = True,
     leap: bool = True,
@@ -49,48 +47,47 @@ def simulate(
     duration : float or Until
         Simulated time, s, or what ends the run.
     method : {"fast", "exact", "paper"}
-        Symmetric steps of second order of the reduced model; the same from event to event, some two hundred
-        times slower; the published scheme on all modes.
+        Symmetric steps of second order of the reduced model; the same model driven from event to event, hundreds
+        of times slower; the published scheme (Newmark with the friction law of Prakash and Clifton) on all modes.
     numerical_damping : {"published", "none"}, optional
         "published": with the stiffness damping that the published scheme adds of its own, (beta2 - 1/2) times its
         step of 2e-8 s: "fast" and "exact" add it to the rig's d2. "none": the model as given; for "paper" beta2 =
         0.5. Default: "published" for "paper", "none" for the others.
     ramp : float
         Time in which the clamp of P2 is uniformly accelerated to its velocity, s. "fast" takes a ramp shorter than
-        a step as none; the path of a moving contact point and the drive that decides on "undecided" include it.
+        a step as none; the drive that decides on "undecided" includes it.
     settle : float, optional
         Start of the statistics, s since the drive started. Default: 0.1 s after the first slip; 0 without slip.
     initial : State or tuple, optional
         Displacements and velocities of all modes, contact state. Default: at rest under the load, T = 0, stuck.
-    contact_motion : {0, -1, 1}
-        0: frozen contact point. -1, 1: P2 slides under C, and the point of P2 below C moves towards P2's clamp or
-        away from it (`fivcore.transient.moving_contact`).
     cutoff : float, optional
         Highest frequency of a mode, Hz; not for "paper", which keeps all. Default: 117 kHz for the paper's rig
         (`contact.reduced.default_cutoff`), with more for the onset (`transient.onset`).
-    termination : {"absorbing", "elastic", "none"}
-        Element that stands for the modes above the cut-off (`fivcore.contact.reduced`).
     step : float, optional
         Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1.7e-6 with the default rig);
         for "exact" only the grid on which statistics are taken, 1e-6.
     min_stick : float, optional
-        Shortest long stick, s. Default: a fifth of the time to the first slip.
+        Shortest long stick, s. Default: a fifth of the time in which the drive at V loads a stuck contact until it
+        slips, statically: it depends on the scene alone, not on the start of the run.
     record : bool or sequence of str
         Series to keep: all, or some of `velocity_B`, `normal_force`, `tangential_force`, `slip_velocity`, `state`.
-    sample_rate : float
-        Sampling rate of the series, Hz.
+    sample_rate : float, optional
+        Sampling rate of the series, Hz: at the times k / sample_rate, linear between two steps, with the state of
+        the step before. Where a whole number of steps fits between two samples, as with the default, they are
+        every so many steps without interpolation, at those steps' own times. None: every step.
     sample_times : array_like, (n,), optional
         Ascending times of the series instead, s: linear between two steps of the method, with the state of the
-        step before; the first and the last step stand for what lies beyond.
+        step before; beyond the first and the last step their values.
     end_early : bool
-        For "fast" with a frozen contact point: fill in the rest of the run where steady sliding is proved to last
+        For "fast": fill in the rest of the run where steady sliding is proved to last
         (`transient.steady`), which changes figures by some 1e-9 of their size.
     leap : bool
-        For "fast" with a frozen contact point: skip the quiet part of long sticks, known in closed form
+        For "fast": skip the quiet part of long sticks, known in closed form
         (`transient.stick_skip`). The motion differs by rounding, which chaos amplifies; in a skip the normal force
         enters its maximum every 20 microseconds.
     modify : callable, optional
-        For "fast" and "exact": a function that returns a changed reduced model (`fivcore.contact.ablation`).
+        For "fast" and "exact": a function that takes a `contact.reduced.ReducedModel` and returns a changed one,
+        to measure what a part of it is worth (`studies/accuracy/ablation.py`).
     beta2 : float, optional
         For "paper" only, from 0.5 to 1, in place of `numerical_damping`. Default: 0.8, the paper's.
 
@@ -103,14 +100,22 @@ def simulate(
     ValueError
         For a bad argument, naming it, its value and what is allowed.
     ContactError
-        Where the contact force is not unique; before the first step unless the contact point moves.
+        Where the contact force is not unique; before the first step.
     DivergenceError
         Where the motion leaves the range of numbers.
+
+    Warns
+    -----
+    FixedContactWarning
+        Where V times the duration exceeds 2 % of P2's length, along which the contact point does not move.
     """
     arguments = dict(locals())
     (result,) = simulate_many([arguments.pop("scene")], **arguments)
     if isinstance(result, Exception):
         raise result
+    moved = abs(scene.V) * result.summary["simulated_time"] / scene.rig.p2.length
+    if moved > FIXED:
+        warn(fixed_contact(moved), FixedContactWarning, stacklevel=2)
     return result
 
 
@@ -158,28 +163,27 @@ def simulate_many(
     return drive(requests)
 
 
-def critical_mu(
+def painleve_mu(
     rig: Rig,
     theta: Any,
     method: str = "fast",
     *,
     numerical_damping: str | None = None,
     cutoff: float | None = None,
-    termination: str = "absorbing",
     step: float | None = None,
     modify: Modify | None = None,
     beta2: float | None = None,
 ) -> float:
     """Find the coefficient of friction from which on a method's contact force is not unique (Painleve's paradox).
 
-    It is where a divisor of the method's slip vanishes: `published.critical_friction` or `contact.law`.
+    It is where a divisor of the method's slip vanishes, and not where steady sliding flutters (`flutter_onsets`).
 
     Parameters
     ----------
     rig : Rig
     theta : float
         Degrees; its sign does not matter, for both directions of slip are looked at.
-    method, numerical_damping, cutoff, termination, step, modify, beta2
+    method, numerical_damping, cutoff, step, modify, beta2
         As in `fivcore.simulate`.
 
     Returns
@@ -194,13 +198,11 @@ def critical_mu(
     """
     checks.instance("rig", rig, Rig)
     theta = checks.theta_degrees(theta)
-    law = law_options(method, termination, modify, numerical_damping, beta2)
+    law = law_options(dict(locals()))
     rig, beta2 = published.with_numerical_damping(rig, method, law["numerical_damping"]), law["beta2"]
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
     if method == "paper":
-        return published.critical_friction(
-            full_model(rig, theta), step or published.STEP, beta2 or published.BETA2
-        )
+        return published.painleve_mu(full_model(rig, theta), step or published.STEP, beta2 or published.BETA2)
     cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")
-    model = modified(reduced_model(rig, theta, cutoff, termination), modify)
-    return model.critical_mu(None if method == "exact" else step or model.default_step)
+    model = modified(reduced_model(rig, theta, cutoff), modify)
+    return model.painleve_mu(None if method == "exact" else step or model.default_step)

@@ -19,7 +19,7 @@ SEPARATION, STICK, SLIP = 0, 1, 2
 SETTLING = 0.1
 # Times, NaN where there is none: first slip, first separation, begin of the present stick (none before first slip)
 # and of the last long one, start of the statistics, its delay after the first slip (NaN: the start is given), and
-# the shortest long stick (NaN: a fifth of the time to the first slip).
+# the shortest long stick.
 EVENTS = ("first_slip", "first_separation", "stick_start", "last_stick", "settled_from", "settling", "least_stick")
 # After settling: integral and maximum of N, maximum of |slip rate|, contact transitions, time in each state ...
 SETTLED = ("sum_N", "max_N", "max_slip", "switches", "separation_time", "stick_time", "slip_time")
@@ -59,9 +59,8 @@ def count_in(first: int, last: int, every: int) -> int:
 
 
 def room_for_sticks(start: float, end: float, least: float, step: float) -> int:
-    """Largest number of long sticks that end between two times, s; `least` is NaN before the first slip."""
-    # Until the first slip there are none, and after it the least is a fifth of the time since the start.
-    return int((end - start) / max(0.2 * start if np.isnan(least) else least, step)) + 2
+    """Largest number of long sticks of at least `least` that end between two times, s."""
+    return int((end - start) / max(least, step)) + 2
 
 
 @inlined
@@ -104,8 +103,6 @@ def enter(run: Any, was: int, contact: int, t: float) -> bool:
         run.stick_start = t
     elif contact == SLIP and not run.first_slip <= t:
         run.first_slip = t
-        if not run.least_stick >= 0.0:
-            run.least_stick = 0.2 * t
         if run.settling >= 0.0:
             run.settled_from = t + run.settling
     elif contact == SEPARATION and not run.first_separation <= t:
@@ -113,13 +110,18 @@ def enter(run: Any, was: int, contact: int, t: float) -> bool:
     return listed
 
 
-def begin(record: Any, settle: float | None, settling: float, min_stick: float | None) -> Any:
-    """Set the counters of a record (1,) to the start of a run, and return it.
+def begin(record: Any, settle: float | None, settling: float, least_stick: float, contact: int) -> Any:
+    """Set the counters of a record (1,) to the start of a run in a contact state, and return it.
 
     Without `settle` statistics start with the run, and anew `settling` after the first slip.
     """
     for name in EVENTS:
         record[name] = np.nan
     record["settled_from"], record["settling"] = (0.0, settling) if settle is None else (settle, np.nan)
-    record["least_stick"] = np.nan if min_stick is None else min_stick
+    record["least_stick"] = least_stick
+    # `enter` sees changes only.
+    if contact == SLIP:
+        record["first_slip"] = 0.0
+        if settle is None:
+            record["settled_from"] = settling
     return record

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from fivcore.beams.modes import one_blas_thread
-from fivcore.contact.law import regime_maps
+from fivcore.contact.law import status_maps
 from fivcore.contact.reduced import ReducedModel
 from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.jit import Array, Complex
@@ -34,16 +34,16 @@ VELOCITY, NORMAL, TANGENTIAL, SLIP_RATE, PENETRATION = range(5)
 class SteadySliding:
     """Steady sliding at constant drive with T = mu N; some milliseconds, or `numpy.linalg.LinAlgError`.
 
-    The model needs an element: without one only rounding holds the gap of a lasting contact. `eigenvalues`
-    (2n + 1,), log(z) / step in 1/s, are those of `fivcore.sliding_modes` for the kept modes and the element's own;
+    The model needs a residual flexibility: in rigid contact only rounding holds the gap. `eigenvalues` (2n + 1,),
+    log(z) / step in 1/s, are those of `fivcore.sliding_modes` for the kept modes and that of u_T;
     `decays` says whether all of them decay, by more than their errors. `state` (2n + 1,) is x*.
     """
 
     @one_blas_thread()
     def __init__(self, model: ReducedModel, mu: float, step: float) -> None:
         impulse, n, b = model.impulse(step), model.normal, model.point_b
-        M, slip = impulse.mobility, step_map(model, impulse, step, mu)
-        maps = regime_maps(impulse.stiffness, impulse.damping, M, mu, step)
+        M, slip = impulse.delassus, step_map(model, impulse, step, mu)
+        maps = status_maps(impulse.stiffness, impulse.damping, M, mu, step)
         # Two more columns: the unit load, whose share of the impulse comes first, and a unit of V.
         load = [impulse.defect[0, 0] - n @ model.rest, 0.0, -M[0, 0], -M[1, 0]]
         p, u_T, _, rate_T = seen = np.column_stack([slip.seen, load, [0.0, 0.0, 0.0, -1.0]])
@@ -68,7 +68,7 @@ class SteadySliding:
         return np.asarray(self._rows @ np.append(self.state, [1.0, speed]))
 
     def start(self, speed: float) -> tuple[Array, Array, Array]:
-        """Return q and v before an impulse, and the element's state after a step."""
+        """Return q and v before an impulse, and u after a step."""
         q, v = self.state[:-1].reshape(2, -1).copy()
         return q, v, np.array([self.readings(speed)[PENETRATION], self.state[-1]])
 
@@ -85,7 +85,7 @@ class SteadySliding:
     def is_permanent(self, q: Array, v: Array, u: Array, speed: float) -> bool:
         """Whether slip never ends from here on and stays within `TOLERANCE` of steady sliding at V = `speed`.
 
-        q and v, (n,), are those before an impulse in slip, u, (2,), is the element's state after the last step.
+        q and v, (n,), are those before an impulse in slip, u, (2,), is that after the last step.
         """
         bound, least = self.bounds(np.concatenate([q, v, u[1:]])), self.readings(speed)
         # Contact opens where the penetration falls below what relaxation, the same for u_N and u_T, leaves of u_N.

@@ -10,7 +10,7 @@ import numpy as np
 from fivcore.contact.reduced import INTERVAL
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
-from fivcore.transient.statistics import SAMPLE, SETTLING, Segment, begin, count_in, room_for_sticks
+from fivcore.transient.statistics import SAMPLE, Segment, count_in, room_for_sticks
 
 
 class SteppedRun:
@@ -31,12 +31,13 @@ class SteppedRun:
         # The run goes no further than to step `pause`, which may move.
         self.pause = self.steps = max(round(options.duration / step), 1)
         self._length = max(int(length), 1)
-        every, rate = max(round(INTERVAL / step), 1), options.sampling_rate
+        every = max(round(INTERVAL / step), 1)
         self.rate = 1.0 / (every * step)
         self.segments: list[Segment] = []
-        self.record = begin(np.zeros(1, fields), options.settle, SETTLING, options.min_stick)
+        self.record = options.record_of(scene, fields)
+        self.record["contact"] = options.contact
         self.record["sample_every"] = every
-        self.record["row_every"] = 0 if rate is None else max(round(1.0 / (rate * step)), 1)
+        self.record["row_every"] = options.rows(step)[0]
 
     @property
     def done(self) -> bool:

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from fivcore.beams.modes import one_blas_thread
-from fivcore.contact.law import regime_maps
+from fivcore.contact.law import status_maps
 from fivcore.contact.reduced import ReducedModel
 from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.jit import Array, kernel, reordered_call
@@ -72,7 +72,7 @@ class SkipTables:
 def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTables | None:
     """Tables of a skip, samples being `sample_every` steps apart; None where stick has no decaying eigenvectors.
 
-    They are the same whatever mu, V and F. Without an element there are none: forces alone do not tell stick and
+    They are the same whatever mu, V and F. In rigid contact there are none: forces alone do not tell stick and
     its end apart.
     """
     if not model.K.any():
@@ -80,7 +80,7 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     impulse = model.impulse(step)
     stick, gaps, size = step_map(model, impulse, step), model.shapes, len(model.rest)
     dissipation = model.dissipation(impulse)
-    separation = regime_maps(impulse.stiffness, impulse.damping, impulse.mobility, 0.0, step).separation
+    separation = status_maps(impulse.stiffness, impulse.damping, impulse.delassus, 0.0, step).separation
     try:
         z, vectors, into, error = eigenvectors(stick)
         still = np.linalg.inv(np.eye(2 * size) - stick.matrix)
@@ -92,7 +92,7 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     # One of each conjugate pair, counted twice.
     kept = z.imag >= 0.0
     z, vectors, into = z[kept], vectors[:, kept] * np.where(z.imag[kept] > 0.0, 2.0, 1.0), into[kept]
-    count, mobility = len(z), impulse.mobility
+    count, mobility = len(z), impulse.delassus
     # Inputs of the contact law with the modes at rest for (p, u, 1, V), and what a unit of V adds in a step.
     inputs = np.zeros((4, COLUMNS))
     inputs[0, 0] = inputs[1, 1] = 1.0

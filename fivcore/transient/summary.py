@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fivcore.jit import Array
-from fivcore.transient.normalised import displacement, energy_at_hand, slip_distance
+from fivcore.transient.normalised import displacement, loading_time, reference_energy, slip_distance
 from fivcore.transient.observe import Observer, degrees_of_freedom, standard_errors
 from fivcore.transient.statistics import ENERGIES, FIELDS, SETTLED
 
@@ -22,21 +22,22 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
     - `stick_fraction`, `slip_fraction`, `separation_fraction`: share of the time after settling.
     - `dominant_frequency`, `stuck_frequency`: Hz, largest Welch peak of the velocity of B from 200 Hz to 10 kHz
       outside and within long sticks (windows of 20 ms, Hann). Steady sliding has no dominant frequency and so no
-      coherence.
-    - `coherence`: autocorrelation of the velocity of B after 20 periods of the dominant frequency, the
+      periodicity.
+    - `periodicity`: autocorrelation of the velocity of B after 20 periods of the dominant frequency, the
       largest within half a period of there.
     - `velocity_rms`: of the velocity of B about its mean, m/s.
     - `mean_normal_force`, `max_normal_force`, `normal_force_999`: N; the last is the 99.9 % quantile.
     - `max_slip_speed`, `slip_speed_999`: m/s, of the surfaces' relative tangential speed, in contact or not.
     - `switches_per_second`: contact transitions.
     - `first_slip_time`, `first_separation_time`: s since the drive started; the latter is the first N = 0.
-    - `stick_times`, `stick_starts`: s, duration and start of the sticks of at least `min_stick` begun after first
-      slip and ended within the run; `mean_stick_time`: their mean; `censored_sticks`: number of those that go on
+    - `stick_times`, `stick_starts`: s, duration and start of the long sticks (`min_stick`) begun after first slip
+      and ended within the run; `mean_stick_time`: their mean; `censored_sticks`: number of those that go on
       at its end.
     - `regime`: see `regime_of`.
     - `energy_residual`: |work in - stored - damped - friction - impact| over the sum of their magnitudes or, if it
       is larger, over a thousandth of what the load stores at rest, P2's kinetic energy at V and what an initial
-      state has beyond rest (`energy_at_hand`). Of "paper" it has its own damping and its impacts, booked nowhere.
+      state has beyond rest (`normalised.reference_energy`). That of "paper" has its own damping and its impacts,
+      which are booked nowhere.
     - `simulated_time`: s; `settled_early`: whether its rest was filled in as proved steady sliding.
     - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`observe.standard_errors`). In
       "stuck" and "steady sliding" 0 for shares, which are constant, and NaN for all else, for a decay has no
@@ -56,7 +57,7 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
     quiet = not rms > 1e-9 * scene.speed_per_load
     dominant = float("nan") if quiet else observer.moving.peak()
     period = observer.rate / dominant
-    coherence = observer.correlation.near(20.0 * period, 0.5 * period)
+    periodicity = observer.correlation.near(20.0 * period, 0.5 * period)
     long = np.vstack([sticks, [duration - open_stick, duration]]) if censored else sticks
     filled = float(np.sum(np.maximum(long[:, 1] - np.maximum(long[:, 0], start), 0.0)))
     driven = float(displacement(np.array(duration), scene.speed_per_load, run.options.ramp))
@@ -68,25 +69,25 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
         steadiness=0.0 if further and np.isnan(spread) else spread / scene.speed_per_load,
         stick_share=filled / max(duration - start, 1e-300),
         last_stick=float(long[-1, 0]) / duration if len(long) else 0.0,
-        coherence=coherence,
+        periodicity=periodicity,
     )
     if regime == "steady sliding":
         # The decay at the start of the statistics has a largest peak, but nothing vibrates any more.
-        dominant = coherence = float("nan")
+        dominant = periodicity = float("nan")
     lengths = sticks[:, 1] - sticks[:, 0]
-    degrees = degrees_of_freedom(duration - start, distance / scene.speed_per_load)
+    degrees = degrees_of_freedom(duration - start, loading_time(scene))
     decided = not (regime in ("undecided", "stuck", "steady sliding") or further)
     errors = standard_errors(observer, degrees if decided else 0, lengths)
     if further or regime in ("stuck", "steady sliding"):
         errors |= {f"{state}_fraction": 0.0 for state in states}
     released, work, *lost = run.released_energy(), *(counted[name] for name in ENERGIES)
     exchanged = float(np.abs([work, released, *lost]).sum())
-    exchanged = max(exchanged, energy_at_hand(scene, run.options.initial))
+    exchanged = max(exchanged, reference_energy(scene, run.options.initial))
     figures = {
         **{f"{state}_fraction": value for state, value in share.items()},
         "dominant_frequency": dominant,
         "stuck_frequency": float("nan") if quiet else observer.stuck.peak(),
-        "coherence": coherence,
+        "periodicity": periodicity,
         "velocity_rms": F * rms,
         "mean_normal_force": F * (counted["sum_N"] / total),
         "max_normal_force": F * counted["max_N"],
@@ -113,7 +114,7 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
 SLIP_DRIVE = 1.3
 STEADY_SHARE, STEADY_SPREAD = 0.999, 0.01
 LONG_SHARE, LAST_STICK = 0.1, 2.0 / 3.0
-COHERENT = 0.9
+LEAST_PERIODICITY = 0.9
 
 
 def regime_of(
@@ -124,7 +125,7 @@ def regime_of(
     steadiness: float,
     stick_share: float,
     last_stick: float,
-    coherence: float,
+    periodicity: float,
 ) -> str:
     """Decide the regime, in this order.
 
@@ -135,7 +136,7 @@ def regime_of(
       the slip rate in the last quarter of the run below 1 % of V (`steadiness`).
     - "intermittent": long sticks fill more than 10 % of the time after settling (`stick_share`), and one begins in
       the last third of the run (`last_stick`, in units of the run's duration).
-    - "periodic": an autocorrelation of the velocity of B after 20 periods above 0.9 (`coherence`).
+    - "periodic": an autocorrelation of the velocity of B after 20 periods above 0.9 (`periodicity`).
     - "irregular": everything else.
     """
     if not slipped:
@@ -146,4 +147,4 @@ def regime_of(
         return "steady sliding"
     if stick_share > LONG_SHARE and last_stick > LAST_STICK:
         return "intermittent"
-    return "periodic" if coherence > COHERENT else "irregular"
+    return "periodic" if periodicity > LEAST_PERIODICITY else "irregular"

@@ -9,7 +9,7 @@ import numpy as np
 
 from fivcore import checks
 from fivcore.transient.fast_scene import MAX_SKIP
-from fivcore.transient.normalised import slip_distance
+from fivcore.transient.normalised import loading_time
 from fivcore.transient.observe import LOADING_TIMES, Observer, degrees_of_freedom, errors_of_means
 from fivcore.transient.steady import NEAR
 from fivcore.transient.summary import SLIP_DRIVE, STEADY_SPREAD
@@ -55,14 +55,14 @@ class Watch:
 
     def __init__(self, run: Any, until: Until) -> None:
         self._run, self._until, self.known = run, until, False
-        self._loading_time = slip_distance(run.scene) / run.scene.speed_per_load
+        self._loading_time = loading_time(run.scene)
         self._stuck = SLIP_DRIVE * self._loading_time + 0.5 * run.options.ramp
         self._plan()
 
     def _plan(self) -> None:
         """Let the run go on to the next check, where samples and segments end together."""
         run, record, grid = self._run, self._run.record, MAX_SKIP / self._run.rate
-        start, time = 0.0, max(self._until.least, self._stuck)
+        start, time = 0.0, max(self._until.least, self._stuck, grid)
         if not np.isnan(record["first_slip"][0]):
             start = float(record["settled_from"][0])
             time = max(self._until.least / LATER, LOADING_TIMES * self._loading_time, grid / LATER)

@@ -7,11 +7,11 @@ from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 from fivcore import Rig, Scene
-from fivcore.contact.ablation import modified, with_dashpot, without_cross_terms
-from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model
+from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, modified, reduced_model
 from fivcore.contact.step_map import largest_stable_step, stable
 from fivcore.transient.published import STEP
 from studies import paper
+from studies.accuracy.ablation import truncated, with_dashpot, without_cross_terms
 from studies.accuracy.rigs import drawn_scene
 
 METHODS = FAST, PAPER, EXACT = ("fast", "paper", "exact")
@@ -33,8 +33,7 @@ def model_of(method: str, scene: Scene, options: Mapping[str, Any]) -> ReducedMo
     """The model of a scene simulated with such `options`."""
     if method == PAPER:
         return full_model(scene.rig, scene.drive_theta)
-    chosen = {name: options[name] for name in ("cutoff", "termination") if name in options}
-    return modified(reduced_model(scene.rig, scene.drive_theta, **chosen), options.get("modify"))
+    return modified(reduced_model(scene.rig, scene.drive_theta, options.get("cutoff")), options.get("modify"))
 
 
 def _step(scene: Scene, factor: float) -> dict[str, Any]:  # in units of the largest stable one
@@ -71,7 +70,6 @@ def _fast(kind: str, options: Callable[..., dict[str, Any]], **values: Any) -> S
 
 DEFAULT, CONVERGED = "default", "converged"
 PUBLISHED, MODEL = (f"numerical damping {name}" for name in ("published", "none"))
-_NONE = {"termination": "none"}
 SETTINGS = {
     DEFAULT: Setting("default", _fixed, {FAST: SCENES, PAPER: FIVE, EXACT: TWO}),
     CONVERGED: _fast("converged", _converged),
@@ -83,11 +81,9 @@ SETTINGS = {
     **{f"cut-off {x:g}": _fast("cut-off", _cutoff, factor=x) for x in (0.4, 0.64, 0.8, 1.4, 2.0)},
     **{
         f"damping {x:.3g}": _fast("damping", _fixed, modify=partial(with_dashpot, factor=x))
-        for x in (1.0 / 3.0, 3.0)
+        for x in (0.0, 1.0 / 3.0, 3.0)
     },
-    "termination elastic": _fast("elastic element", _fixed, termination="elastic"),
-    "termination none": _fast("no element", _fixed, **_NONE),
-    **{f"truncation {x:g}": _fast("no element", _cutoff, factor=x, **_NONE) for x in (1.4, 2.0)},
+    **{f"truncation {x:g}": _fast("truncation", _cutoff, factor=x, modify=truncated) for x in (1.0, 1.4, 2.0)},
     "cross terms off": _fast("no cross terms", _fixed, modify=without_cross_terms),
 }
 # What each method and setting is compared with: the published scheme, or the model as given.

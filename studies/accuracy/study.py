@@ -14,7 +14,7 @@ from filelock import FileLock
 from numpy.typing import NDArray
 from scipy import signal
 
-from fivcore import Rig, Scene, checks, simulate, simulate_many
+from fivcore import Rig, Scene, checks, simulate_many
 from fivcore.transient.published import STEP
 from studies.accuracy.errors import with_errors
 from studies.accuracy.presentation import figure, summary
@@ -79,7 +79,7 @@ def measure(
     if method != EXACT:
         values["step"] = options.get("step", STEP if method == PAPER else model.default_step)
     ramps = [ramp * (1.0 + ensemble.STRETCH * k) for k in range(members if method == FAST else members_expensive)]
-    simulate(scene, duration if method == FAST else WARMING, method, ramp=ramps[0], **options)
+    simulate_many([scene], duration if method == FAST else WARMING, method, ramp=ramps[0], **options)
     start = time.thread_time()  # of this thread alone
     runs: list[Any] = simulate_many([scene] * len(ramps), duration, method, ramp=ramps, **options)
     cpu = time.thread_time() - start
@@ -95,7 +95,8 @@ def measure(
 
 def rival_peaks(scene: Scene, duration: float, options: Mapping[str, Any]) -> Array:
     """Frequencies of the strongest spectral peaks of the velocity of B outside long sticks, Hz, at most RIVALS."""
-    run = simulate(scene, duration, record=True, sample_rate=series.OVERSAMPLING * RATE, **options)
+    rate = series.OVERSAMPLING * RATE
+    run: Any = simulate_many([scene], duration, record=True, sample_rate=rate, **options)[0]
     times = series.even_times(duration, RATE).values
     chosen = series.after_settling(run, times) & ~series.long_sticks(run, times)
     power = series.spectrum(series.velocity(run, times, RATE), chosen, RATE)

@@ -69,6 +69,8 @@ def execute(
         sys.exit(3)
     show(summary.text(summary.parts(study, finished.dataset)))
     say("\nwritten: " + "\n         ".join(map(str, [finished.file, *finished.figures])))
+    if moved := finished.fixed_contact():
+        say(f"fiv: {moved}")
     if not FLAGS["quiet"] and (beside := finished.beside_reference()):
         say(beside)
     if "reproduce" in finished.dataset and finished.dataset.sizes["failure"]:

@@ -71,7 +71,7 @@ def contacts(
     """The contact of each scene in the window and in the overview, and the summary of its whole run."""
     times = window_times(window_start, window, sample_rate).values
     # Every step of the whole run would fill the memory: the recorded part is run again.
-    recorded: dict[str, Any] = {"record": True, "sample_rate": RECORDED}
+    recorded: dict[str, Any] = {"record": True, "sample_rate": None}
     lengths: Any = ((duration, {}), (max(window_start + window, overview), recorded))
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:

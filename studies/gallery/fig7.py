@@ -92,10 +92,18 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     )
     yield f"The vibration is {kinds}, {regimes.damping_text(dataset)}."
     yield (
-        f"Statistics and spectra start {run.SETTLING:g} s after the first slip; coherence is the autocorrelation "
-        "after 20 periods."
+        f"Statistics and spectra start {run.SETTLING:g} s after the first slip; periodicity is the "
+        "autocorrelation after 20 periods."
     )
-    named = ["V", "regime", "stick_fraction", "slip_fraction", "separation_fraction", "velocity_rms", "coherence"]
+    named = [
+        "V",
+        "regime",
+        "stick_fraction",
+        "slip_fraction",
+        "separation_fraction",
+        "velocity_rms",
+        "periodicity",
+    ]
     yield "Motion", summary.frame(dataset, named)
     yield (
         "Begin and long sticks",

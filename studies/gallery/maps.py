@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore import Rig, Scene, checks, critical_mu, glued_frequencies
+from fivcore import Rig, Scene, checks, glued_frequencies, painleve_mu
 from studies import labels, paper, spec, summary, uncertainty
 from studies.motion import ensemble, regimes, run
 from studies.motion.jobs import outcomes
@@ -55,8 +55,8 @@ def onset(rig: Rig, theta: Any) -> dict[str, Any]:
 
 def contact_limit(rig: Rig, theta: Any, **options: Any) -> dict[str, Any]:
     """The friction from which on the contact force is not unique; NaN where it always is."""
-    found = [critical_mu(rig, angle, run.METHOD, **options) for angle in np.ravel(theta).tolist()]
-    return {"critical_mu": np.where(np.isfinite(found), found, np.nan)}
+    found = [painleve_mu(rig, angle, run.METHOD, **options) for angle in np.ravel(theta).tolist()]
+    return {"painleve_mu": np.where(np.isfinite(found), found, np.nan)}
 
 
 def glued(rig: Rig, theta: Any) -> dict[str, Any]:
@@ -251,7 +251,7 @@ def _mark_paper(axes: Any, dataset: xr.Dataset, dims: list[str]) -> None:
 RUNS = ensemble.members(1) | ensemble.until(0.3, 16.0)
 DRAWS = {"samples": (1024, "number of uncertain rigs"), "seed": (0, "seed of the random numbers")}
 MODEL = {name: RUN[name] for name in ("cutoff", "numerical_damping")}
-LIMIT = {"critical_mu": ("1", "mu from which on the contact force is not unique")}
+LIMIT = {"painleve_mu": ("1", "mu from which on the contact force is not unique")}
 DRAWN = {name: Parameter(value, "1", text, common=True) for name, (value, text) in DRAWS.items()}
 # Group, title, parameters besides those of the rig and the scene, outputs, function, and the rest.
 GROUPS: tuple[tuple[str, str, Any, Any, Any, dict[str, Any]], ...] = (

@@ -87,8 +87,8 @@ def linear_stability(scene: Scene, cutoff: float | None, numerical_damping: str)
     rate, frequency, unstable = largest_growth(scene.rig, theta, mu, run.BAND)
     values = {"growth_rate": rate, "growth_frequency": frequency, "unstable_modes": unstable}
     rig = with_numerical_damping(scene.rig, run.METHOD, numerical_damping)
-    model = reduced_model(rig, theta, cutoff, "absorbing")
-    # Without an element only rounding holds the gap of a lasting contact: there is no such map.
+    model = reduced_model(rig, theta, cutoff)
+    # In rigid contact only rounding holds the gap of a lasting contact: there is no such map.
     steady = steady_sliding(model, mu, model.default_step) if model.K.any() else None
     model_rate = model_frequency = np.nan
     if steady is not None and len(steady.eigenvalues):

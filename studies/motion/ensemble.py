@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import betaincc
 
 from fivcore import Scene, Transient, Until, checks
-from fivcore.transient.normalised import Normalised, slip_distance
+from fivcore.transient import normalised
 from studies.motion import run as runs
 from studies.motion.jobs import Job
 from studies.parameters import RUN, Parameter
@@ -76,8 +76,7 @@ def check(V: Any, F: Any, ramp: Any, max_duration: Any, min_duration: Any, **oth
 
 def loading_time(scene: Scene) -> float:
     """Static stick time t0 = mu F / (k_t V), s: the drive loads a stuck contact from rest until it slips."""
-    normalised = Normalised.of(scene)
-    return slip_distance(normalised) / normalised.speed_per_load
+    return normalised.loading_time(normalised.Normalised.of(scene))
 
 
 def duration(scene: Scene, ramp: float, options: Mapping[str, Any]) -> float | Until:

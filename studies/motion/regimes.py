@@ -22,7 +22,7 @@ def kinds(dataset: xr.Dataset) -> NDArray[np.intp]:
     status, regime = dataset["status"].values, dataset["regime"].values.astype(float)
     done = (status == DONE) & np.isfinite(regime)
     other = np.where(status == FAILED, KINDS.index("failed"), KINDS.index("pending"))
-    return np.where(done, np.where(done, regime, 0.0), other).astype(np.intp)
+    return np.where(done, regime, other).astype(np.intp)
 
 
 def kind(point: xr.Dataset) -> str:

@@ -31,7 +31,7 @@ SUMMARY = {
     "separation_fraction": Variable("1", "fraction of time in separation"),
     "dominant_frequency": Variable("Hz", "dominant frequency of the velocity of B outside long sticks"),
     "stuck_frequency": Variable("Hz", "dominant frequency of the velocity of B within long sticks"),
-    "coherence": Variable("1", "autocorrelation of the velocity of B after 20 periods"),
+    "periodicity": Variable("1", "autocorrelation of the velocity of B after 20 periods"),
     "velocity_rms": Variable("m s-1", "RMS velocity of B"),
     "mean_normal_force": Variable("N", "mean normal force"),
     "max_normal_force": Variable("N", "largest normal force"),

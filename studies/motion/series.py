@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from fivcore import Scene, Transient, checks
+from fivcore.transient.normalised import Normalised, loading_time
+from fivcore.transient.options import LONG_STICK
 from studies.motion import run as runs
 from studies.motion.jobs import Job, outcomes
 from sweeps import Axis, Variable
@@ -26,8 +28,6 @@ WINDOW = 25e-3
 OVERSAMPLING = 8
 # Of one series of one scene.
 MOST_SAMPLES = 1_000_000
-# A long stick lasts at least this share of the first one (`fivcore.simulate`, min_stick).
-LONG_STICK = 0.2
 # Of recorded series: sampling rate, Hz, and duration of the run where none is set, s.
 SAMPLE_RATE, DURATION = 50e3, 1.0
 
@@ -117,10 +117,10 @@ def velocity(run: Transient, times: Array, sample_rate: float) -> Array:
 def long_sticks(run: Transient, times: Array) -> NDArray[np.bool_]:
     """Which of `times` lie within a long stick begun after the first slip; an unfinished one counts."""
     inside = np.zeros(len(times), dtype=bool)
-    first = run.summary["first_slip_time"]
+    first, least = run.summary["first_slip_time"], LONG_STICK * loading_time(Normalised.of(run.scene))
     for begin, end in runs_of_true(run.state == runs.STATES.index("stick")):
         start, stop = run.time[begin], run.time[end - 1]
-        if start > first and stop - start >= LONG_STICK * first:
+        if start > first and stop - start >= least:
             inside[np.searchsorted(times, start) : np.searchsorted(times, stop)] = True
     return inside
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fivcore import ContactError, DivergenceError, Rig, Scene, Transient, critical_mu, simulate
+from fivcore import ContactError, DivergenceError, Rig, Scene, Transient, painleve_mu, simulate_many
 from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model
 from fivcore.contact.step_map import largest_stable_step, stable
 from fivcore.transient import exact, published
@@ -27,14 +27,13 @@ ERRORS: dict[str, type[Exception]] = {VALUE: ValueError, CONTACT: ContactError, 
 EDGES = {
     "fitting step": "step",
     "samples": "sample_rate",
-    "reach": "duration",
     "least V/F": "V",
     "largest V/F": "V",
 }
 # A value beyond any limit; the word before the limit in a refusal, and how near to the limit its number must be.
 FAR, WORDS, DIGITS = 1e80, ("at most", "at least", "above", "from", "to"), 5e-3
 # Limits that are allowed themselves, how many steps show it, and methods that refuse the argument altogether.
-ALLOWED, STEPS, WITHOUT = ("step", "least V/F", "largest V/F"), 10, {"cutoff": "paper", "reach": "exact"}
+ALLOWED, STEPS, WITHOUT = ("step", "least V/F", "largest V/F"), 10, {"cutoff": "paper"}
 # Records are of every step, of so many from the beginning; from this duration on the mean of N is checked, s.
 MOST_ROWS, LONG = 2_000_000, 1.0
 # Rounding, in units of the largest force or of a copied statistic, and in what the published scheme solves for.
@@ -88,10 +87,10 @@ class RunSpec:
 
     @cached_property
     def model(self) -> ReducedModel:
-        """The modes and the contact element that the method steps through."""
+        """The model that the method steps through."""
         if self.method == "paper":
             return full_model(self.rig, self.scene.drive_theta)
-        return reduced_model(self.rig, self.scene.drive_theta, **self.chosen("cutoff", "termination"))
+        return reduced_model(self.rig, self.scene.drive_theta, **self.chosen("cutoff"))
 
     @property
     def step(self) -> float:
@@ -111,7 +110,11 @@ class RunSpec:
     def simulate(self, **more: Any) -> Transient:
         """Simulate it, with some arguments changed."""
         options = {name: value for name, value in self.arguments.items() if name not in POINT}
-        return simulate(self.scene, method=self.method, **{"initial": self.initial, **options, **more})
+        options = {"method": self.method, "initial": self.initial, **options, **more}
+        (result,) = simulate_many([self.scene], **options)
+        if isinstance(result, Exception):
+            raise result
+        return result
 
     def refusal(self, kind: type[Exception] = ValueError) -> str:
         """The message with which the method refuses it; "" if it does not."""
@@ -132,8 +135,8 @@ def spec_of(case: Case, method: str) -> tuple[RunSpec, float]:
         spec = spec.changed(V=distance / (case.slips_at - 0.5 * arguments["ramp"]))
     value = case.share * LIMITS[case.edge](spec) if case.edge else np.nan
     value = np.nan if case.edge == "fitting step" and not value < published.STEP else value
-    assert np.isfinite(value) or case.edge in ("", "fitting step", "reach"), f"no limit of {case.edge} is known"
-    return spec if np.isnan(value) and case.edge != "reach" else spec.changed(**{case.edge: value}), value
+    assert np.isfinite(value) or case.edge in ("", "fitting step"), f"no limit of {case.edge} is known"
+    return spec if np.isnan(value) else spec.changed(**{case.edge: value}), value
 
 
 class RunData(NamedTuple):
@@ -149,10 +152,11 @@ class RunData(NamedTuple):
 
 def collect(spec: RunSpec, is_copy: bool = False) -> RunData:
     """Simulate a run in all ways that its checks need; statistics start at once, so that short runs have them."""
-    duration, rate = spec.arguments["duration"], min(1.0 / spec.step, 1e9)
-    long = spec.simulate(record=True, sample_rate=MOST_ROWS / duration) if duration >= LONG else None
+    duration = spec.arguments["duration"]
+    rate = 1.0 / (spec.step * np.ceil(duration / (spec.step * MOST_ROWS)))
+    long = spec.simulate(record=True, sample_rate=rate) if duration >= LONG else None
     summary = long.summary if long else spec.simulate(settle=0.0).summary
-    run = spec.simulate(duration=min(duration, MOST_ROWS * spec.step), record=True, sample_rate=rate, settle=0.0)
+    run = spec.simulate(duration=min(duration, MOST_ROWS * spec.step), record=True, sample_rate=None, settle=0.0)
     original = spec.changed(**POINT).simulate(settle=0.0).summary if is_copy else None
     return RunData(spec, run, summary, long, original, _cost(spec))
 
@@ -160,13 +164,13 @@ def collect(spec: RunSpec, is_copy: bool = False) -> RunData:
 def _cost(spec: RunSpec) -> float:
     """Thread time per step, in units of what the same modes take without friction, where nothing happens."""
     duration, fast = spec.arguments["duration"], spec.method == "fast"
-    if fast and "contact_motion" not in spec.arguments:
+    if fast:
         duration = float(np.clip(duration, COST_STEPS[0] * spec.step, COST_STEPS[1] * spec.step))
     # The finer onset of "fast" is left out of both: how long it lasts is the scene's.
-    refines = fast and not spec.start and not spec.chosen("cutoff", "contact_motion")
-    if refines and spec.arguments.get("termination") != "none":
+    if fast and not spec.start and not spec.chosen("cutoff"):
         spec = spec.changed(cutoff=default_cutoff(spec.rig))
-    spec = spec.changed(**{"end_early": False} | spec.chosen("end_early"))
+    if fast:
+        spec = spec.changed(end_early=False)
     # Nothing happens in the quiet one, so a part of it tells as much.
     quiet, part = replace(spec.changed(mu=0.0), start=None), 1.0 if fast else 0.25
     runs = ((spec, duration), (spec, spec.step), (quiet, part * duration), (quiet, quiet.step))
@@ -200,10 +204,9 @@ def _largest_step(spec: RunSpec) -> float:
 LIMITS: dict[str, Callable[[RunSpec], float]] = {
     "step": _largest_step,
     "fitting step": lambda spec: _largest_step(spec) if spec.method == "paper" else np.nan,
-    "mu": lambda spec: critical_mu(spec.rig, spec.scene.drive_theta, spec.method, **spec.chosen("cutoff", "step")),
+    "mu": lambda spec: painleve_mu(spec.rig, spec.scene.drive_theta, spec.method, **spec.chosen("cutoff", "step")),
     "least V/F": lambda spec: stated(spec.changed(V=1.0 / FAR).refusal(), "from"),
     "largest V/F": lambda spec: stated(spec.changed(V=FAR).refusal(), "to"),
-    "reach": lambda spec: stated(spec.changed(duration=1e5).refusal(), "at most"),
     "cutoff": lambda spec: stated(replace(spec.changed(cutoff=1.0), method="fast").refusal(), "above"),
     "samples": lambda spec: stated(spec.changed(sample_rate=1e9).refusal(), "at most"),
 }
@@ -258,7 +261,7 @@ def _contact_law(spec: RunSpec, run: Transient) -> dict[str, Check]:
     peak = max(float(np.abs(N).max()), spec.arguments["F"])
     separated, landing = state == SEPARATION, np.zeros(len(state), dtype=bool)
     if spec.method == "fast" and not spec.model.K.any():
-        # Without an element the step of a landing is left out: its mean velocity may differ in sign from the next.
+        # In rigid contact the step of an impact is left out: its mean velocity may differ in sign from the next.
         landing[1:] = separated[:-1]
     slips, sticks, bound = (state == SLIP) & ~landing, (state == STICK) & ~landing, ROUNDING
     law = {"normal": (float(max(0.0, -N.min())) / peak, ROUNDING)}
@@ -276,7 +279,9 @@ def _contact_law(spec: RunSpec, run: Transient) -> dict[str, Check]:
         # Its slip speed is read off displacements that grow with the drive.
         bound += 64.0 * EPS * _moved(spec, V * float(run.time[-1])) / (step * V)
     else:
-        law["cone"] = float(max(0.0, (np.abs(T) - mu * N).max())) / peak, ROUNDING
+        # "exact" sums T and mu N apart, over modes that all but cancel.
+        rounding = 10.0 * ROUNDING if spec.method == "exact" else ROUNDING
+        law["cone"] = float(max(0.0, (np.abs(T) - mu * N).max())) / peak, rounding
     most, power = peak * float(np.abs(slip).max(initial=0.0)), (T * slip)[slips]
     law["direction"] = float(max(0.0, power.max(initial=0.0))) / most if most > 0.0 else 0.0, ROUNDING
     law["stick"] = float(np.abs(slip[sticks]).max(initial=0.0)) / V, bound

@@ -1,4 +1,4 @@
-"""The reduced contact: flexibility and damping of its element, impulses, ablations, and where it is unique."""
+"""The reduced contact: residual flexibility and damping, impulses, ablations, and where its force is unique."""
 
 from dataclasses import replace
 from functools import partial
@@ -9,22 +9,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
-from fivcore import ContactError, Rig, Scene, critical_mu, simulate
+from fivcore import ContactError, Rig, Scene, painleve_mu, simulate
 from fivcore.beams.modes import propagator
 from fivcore.contact import step_map
-from fivcore.contact.ablation import modified, with_relaxation_time, without_cross_terms
 from fivcore.contact.impulse import SMALL, at_impulses, between_impulses
-from fivcore.contact.reduced import DAMPING, default_cutoff, full_model, reduced_model
+from fivcore.contact.reduced import DAMPING, default_cutoff, full_model, modified, reduced_model
 from fivcore.rig import P1, P2
 from fivcore.transient.published import STEP, TAU, contact_closing
 from fivcore.transient.steady import steady_sliding
+from studies.accuracy.ablation import truncated, with_dashpot, without_cross_terms
 from studies.accuracy.rigs import drawn_scene
-from tests.helpers.runs import assert_same_run
 
 CUTOFF = 75e3
 
 
-def test_the_element_keeps_the_static_flexibility():
+def test_the_residual_keeps_the_static_flexibility():
     full, *reduced = full_model(Rig(), 20.0), reduced_model(Rig(), 20.0, CUTOFF), reduced_model(Rig(), 20.0, 200e3)
 
     def flexibility(model):
@@ -36,7 +35,7 @@ def test_the_element_keeps_the_static_flexibility():
 
 
 @pytest.mark.parametrize("rig", [Rig(), replace(Rig(), contact_position=0.12), drawn_scene(2010, 0).rig])
-def test_the_elements_damping_is_a_share_of_the_critical_one(rig):
+def test_the_contacts_damping_ratio_is_what_it_should_be(rig):
     model = reduced_model(rig, 5.0)
     squares, shapes = eigh(model.K, np.linalg.inv(model.W))
     assert np.sqrt(squares[-1]) == pytest.approx(model.contact_frequency)
@@ -107,20 +106,20 @@ def test_growth_near_the_onset_is_right_in_steps_of_two_microseconds():
 
 
 # Ablations.
-def relaxing(tau):
-    return partial(with_relaxation_time, tau=tau)
+ELASTIC = partial(with_dashpot, factor=0.0)
 
 
-def test_the_relaxation_time_scales_the_dashpot_and_nothing_else():
+def test_a_changed_dashpot_changes_nothing_else():
     own = reduced_model(Rig(), 5.0, CUTOFF)
+    np.testing.assert_allclose(own.C, 2.0 * DAMPING / own.contact_frequency * own.K, rtol=1e-14)
     for factor in (0.0, 0.5, 2.0):
-        model = with_relaxation_time(own, factor * 2.0 * DAMPING / own.contact_frequency)
+        model = with_dashpot(own, factor)
         np.testing.assert_allclose(model.C, factor * own.C, rtol=1e-14)
         assert np.array_equal(model.K, own.K)
         assert np.array_equal(model.rest, own.rest)
     # At least the material's; and scenes share a modified model.
     np.testing.assert_allclose(reduced_model(Rig(d2=1e-2), 5.0, CUTOFF).C, 1e-2 * own.K, rtol=1e-14)
-    modify = relaxing(1e-7)
+    modify = partial(with_dashpot, factor=0.6)
     assert modified(own, None) is own
     assert modified(own, modify) is modified(own, modify) is not own
 
@@ -137,7 +136,7 @@ def test_without_cross_terms_normal_and_tangential_flexibility_stay():
 SCENE = Scene(0.02, 5.0, 0.2, 9.0)
 
 
-@pytest.mark.parametrize("modify", [relaxing(1e-7), without_cross_terms])
+@pytest.mark.parametrize("modify", [partial(with_dashpot, factor=2.0), without_cross_terms])
 def test_fast_and_exact_solve_the_same_changed_law(modify):
     """Until the surfaces part they agree better with each other than with the law as it is."""
     given = {"cutoff": CUTOFF, "step": 1e-7, "record": True, "sample_rate": 1e7}
@@ -152,45 +151,40 @@ def test_fast_and_exact_solve_the_same_changed_law(modify):
     assert times[0] != times[1]
 
 
-def test_a_relaxation_time_of_zero_is_the_elastic_termination():
-    given = {"cutoff": CUTOFF, "record": True, "sample_rate": 1e6}
-    elastic = simulate(SCENE, 0.0125, termination="elastic", **given)
-    assert_same_run(simulate(SCENE, 0.0125, modify=relaxing(0.0), **given), elastic)
-
-
 # Where the contact force is not unique, and where a step is not stable.
 @pytest.mark.parametrize(
-    ("method", "termination"),
-    [("fast", "absorbing"), ("fast", "elastic"), ("fast", "none"), ("paper", "absorbing")],
+    ("method", "given"),
+    [("fast", {}), ("fast", {"modify": ELASTIC}), ("fast", {"modify": truncated}), ("paper", {})],
 )
-def test_beyond_the_critical_friction_a_method_refuses(method, termination):
-    critical = critical_mu(Rig(), 30.0, method, termination=termination)
+def test_beyond_the_critical_friction_a_method_refuses(method, given):
+    critical = painleve_mu(Rig(), 30.0, method, **given)
     below, above = (Scene(0.1, 30.0, critical * factor, 9.0) for factor in (1 - 1e-6, 1 + 1e-6))
     cutoff = None if method == "paper" else default_cutoff(Rig())
-    simulate(below, 1e-4, method, termination=termination, cutoff=cutoff)
+    simulate(below, 1e-4, method, cutoff=cutoff, **given)
     with pytest.raises(ContactError, match=f"from {critical:.6g} on") as caught:
-        simulate(above, 1e-4, method, termination=termination)
+        simulate(above, 1e-4, method, **given)
     assert caught.value.scene == above
 
 
 def test_the_critical_friction_is_that_of_the_law_the_ablation_and_the_damping():
-    """Without an element 24 modes lose their contact force at mu = 1.92."""
-    assert critical_mu(Rig(), 5.0, cutoff=50e3, termination="none") == pytest.approx(1.92, abs=0.005)
+    """Truncated to 24 modes the contact force is lost at mu = 1.92."""
+    assert painleve_mu(Rig(), 5.0, cutoff=50e3, modify=truncated) == pytest.approx(1.92, abs=0.005)
     model, r = full_model(Rig(), 5.0), STEP / TAU
     inverse = 1.0 / (1.0 + 0.8 * STEP * model.damping)
     normal, cross = np.sum(model.normal**2 * inverse), np.sum(model.normal * model.tangential * inverse)
-    assert critical_mu(Rig(), 5.0, "paper") == pytest.approx(normal * (1 + r) / (r * abs(cross)))
-    assert critical_mu(Rig(), 20.0, "exact", modify=without_cross_terms) == np.inf
-    elastic = critical_mu(Rig(), 20.0, "fast", termination="elastic")
-    assert critical_mu(Rig(), 20.0, "fast", modify=relaxing(0.0)) == elastic
+    assert painleve_mu(Rig(), 5.0, "paper") == pytest.approx(normal * (1 + r) / (r * abs(cross)))
+    assert painleve_mu(Rig(), 20.0, "exact", modify=without_cross_terms) == np.inf
+    springs = with_dashpot(reduced_model(Rig(), 20.0), 0.0)
+    K = springs.impulse(springs.default_step).stiffness
+    assert painleve_mu(Rig(), 20.0, "fast", modify=ELASTIC) == pytest.approx(abs(K[1, 1] / K[0, 1]), rel=1e-12)
     W = contact_closing(full_model(Rig(), 20.0), 2e-8, 0.5)
     undamped = abs(W[0] / W[1]) * (1.0 + TAU / 2e-8)
-    assert critical_mu(Rig(), 20.0, "paper", beta2=0.5) == pytest.approx(undamped, rel=1e-12)
-    assert critical_mu(Rig(), 20.0, "paper", numerical_damping="none") == pytest.approx(undamped, rel=1e-12)
-    assert undamped != critical_mu(Rig(), 20.0, "paper")
+    assert painleve_mu(Rig(), 20.0, "paper", beta2=0.5) == pytest.approx(undamped, rel=1e-12)
+    assert painleve_mu(Rig(), 20.0, "paper", numerical_damping="none") == pytest.approx(undamped, rel=1e-12)
+    assert undamped != painleve_mu(Rig(), 20.0, "paper")
     for method in ("fast", "exact"):
-        damped = critical_mu(Rig(d2=1.6e-8), 20.0, method)
-        assert critical_mu(Rig(), 20.0, method, numerical_damping="published") == damped
+        damped = painleve_mu(Rig(d2=1.6e-8), 20.0, method)
+        assert painleve_mu(Rig(), 20.0, method, numerical_damping="published") == damped
 
 
 def test_a_step_at_which_slip_alternates_is_refused():

@@ -6,13 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fivcore import ContactError, DivergenceError, Rig, Scene, critical_mu, simulate
-from fivcore.contact.reduced import reduced_model
+from fivcore import DivergenceError, FixedContactWarning, Rig, Scene, State, simulate, simulate_many
+from fivcore.contact.reduced import full_model, reduced_model
 from fivcore.rig import P1, P2
-from fivcore.transient import fast, moving_contact
-from fivcore.transient.moving_contact import LEAST, ContactMotion, moved_model
-from fivcore.transient.normalised import Normalised
+from fivcore.transient import fast
+from fivcore.transient.fast import FastRun
+from fivcore.transient.normalised import Normalised, loading_time
+from fivcore.transient.options import Options
 from fivcore.transient.published import BETA2
+from fivcore.transient.statistics import SEPARATION, SLIP
 from tests.helpers.runs import SERIES, assert_same_run, assert_same_summary
 
 PAPERS = Scene(5e-3, 5.0, 0.2, 9.0)
@@ -23,7 +25,6 @@ QUICK = Scene(0.02, 5.0, 0.2, 9.0)
 RECORDED = [
     ("fast", PAPERS, 0.15, 1e3, {}),
     ("fast", PAPERS, 0.05, 1e7, {}),
-    ("fast", replace(PAPERS, rig=Rig(d1=200.0)), 0.06, 5e5, {"contact_motion": 1}),
     ("fast", replace(PAPERS, theta=-5.0, rig=Rig(d1=200.0)), 0.5, 5e5, {}),
     ("fast", replace(PAPERS, theta=-5.0, rig=Rig(d1=200.0)), 0.5, 5e5, {"cutoff": 75e3}),
     ("exact", QUICK, 0.0125, 1e6, {}),
@@ -49,7 +50,7 @@ def test_recorded_or_not_the_bits_are_the_same(method, scene, duration, rate, gi
     ],
 )
 def test_series_at_given_times_are_those_of_every_step(method, scene, duration):
-    every = simulate(scene, duration, method, record=True, sample_rate=1e9 if duration < 0.01 else 1e6)
+    every = simulate(scene, duration, method, record=True, sample_rate=None)
     times = np.sort(np.concatenate([[0.0, duration], np.random.default_rng(2).uniform(0.0, duration, 3000)]))
     kept = simulate(scene, duration, method, record=True, sample_times=times)
     assert_same_summary(kept, every)
@@ -61,13 +62,26 @@ def test_series_at_given_times_are_those_of_every_step(method, scene, duration):
     assert kept.state.dtype == np.int8
 
 
+@pytest.mark.parametrize("rate", [250e3, 400e3, 1e6, 777.0])
+def test_series_come_at_the_rate_that_is_asked_for(rate):
+    """Whether or not a whole number of steps fits; of the default's 1.667 us none fits into these."""
+    every, kept = (simulate(PAPERS, 0.0331, record=True, sample_rate=each) for each in (None, rate))
+    np.testing.assert_allclose(kept.time, np.arange(np.ceil(0.0331 * rate - 1e-9)) / rate, rtol=1e-12)
+    assert set(kept.state.tolist()) == {0, 1, 2} or rate < 1e3
+    for name in ("velocity_B", "normal_force", "tangential_force", "slip_velocity"):
+        np.testing.assert_array_equal(getattr(kept, name), np.interp(kept.time, every.time, getattr(every, name)))
+    steps = simulate(PAPERS, 0.01, record=True)
+    assert np.diff(steps.time) == pytest.approx(1e-5, rel=1e-9)
+    assert np.isin(steps.velocity_B, every.velocity_B).all()
+
+
 def test_the_motion_does_not_depend_on_the_stretches_it_is_taken_in(monkeypatch):
     """Bit for bit, long after the first burst; the sums of the figures are added stretch by stretch."""
     runs = []
     for short, long in ((0.04, 0.2), (0.0137, 0.0091), (0.5, 0.5)):
         monkeypatch.setattr(fast, "SHORT_SEGMENT", short)
         monkeypatch.setattr(fast, "LONG_SEGMENT", long)
-        runs.append(simulate(replace(PAPERS, V=2e-3), 0.25, record=True, sample_rate=1e6, end_early=False))
+        runs.append(simulate(replace(PAPERS, V=2e-3), 0.25, record=True, sample_rate=None, end_early=False))
     for run in runs[1:]:
         for name in SERIES:
             assert np.array_equal(getattr(run, name), getattr(runs[0], name))
@@ -119,7 +133,6 @@ def test_a_run_is_the_canonical_one_times_the_load(scene, duration, given):
 SAME = [
     # Published damping is a rig with so much more; each method's own is the default; and beta2 by its value.
     ("fast", {"numerical_damping": "published"}, {"rig": Rig(d2=1.6e-8)}, 0.1),
-    ("fast", {"numerical_damping": "published", "contact_motion": 1}, {"rig": Rig(d2=1.6e-8)}, 0.033),
     ("exact", {"numerical_damping": "published"}, {"rig": Rig(d2=1.6e-8)}, 0.0125),
     ("fast", {"numerical_damping": "none"}, {}, 0.1),
     ("exact", {"numerical_damping": "none"}, {}, 0.0125),
@@ -175,7 +188,7 @@ def test_coarse_meshes_run_whatever_is_left_above_the_cut_off(method, n1, n2):
     rig = Rig(replace(P1, elements=n1), replace(P2, elements=n2))
     assert reduced_model(rig, 5.0).K.any() == (n1 != n2)
     if method == "exact" and n1 == n2:
-        with pytest.raises(ValueError, match=r"cutoff = 117350: it keeps every mode .* or method 'fast'"):
+        with pytest.raises(ValueError, match=r"cutoff = 117350: the contact has no dashpot.* or method 'fast'"):
             simulate(replace(QUICK, rig=rig), 0.02, method)
         return
     # Over a third of a period of the head on its beam.
@@ -194,43 +207,46 @@ def test_a_run_that_blows_up_says_so(method, monkeypatch):
     assert caught.value.scene == PAPERS
 
 
-# A contact point that moves.
-@pytest.mark.slow
-def test_the_line_wanders_with_the_contact_point_as_in_the_mirror():
-    """P2's stiffness at D, and with it the unstable pair, depends on where D is."""
-    towards, away = (simulate(PAPERS, 0.25, contact_motion=motion).summary for motion in (-1, 1))
-    assert towards["dominant_frequency"] < 0.97 * away["dominant_frequency"]
-    given = {"contact_motion": -1, "record": True}
-    one, other = (simulate(scene, 0.05, **given) for scene in (PAPERS, PAPERS.mirrored()))
-    assert one.summary["first_separation_time"] < 0.05
-    assert np.array_equal(one.velocity_B, -other.velocity_B)
+# The start.
+FULL = full_model(Rig(), 5.0)
 
 
-def test_the_cost_of_a_fast_contact_point_is_that_of_its_path(monkeypatch):
-    """At 0.02 m/s a segment is 5 um long; a hundred times as fast it is ten times as long, and moves B as well."""
-    slow, quick = (ContactMotion(Normalised.of(replace(PAPERS, V=V)), 0.0, 1) for V in (0.02, 2.0))
-    assert [each.segment_steps(1e-6) for each in (slow, quick)] == [250, 25]
-    scene, made = Scene(2.0, -5.0, 0.2, 9.0), []
-    monkeypatch.setattr(fast, "moved_model", lambda *given: made.append(given) or moved_model(*given))
-    run = simulate(scene, 9e-4, contact_motion=1, record=True)
-    # Two models a segment.
-    path = 2.0 * (9e-4 - 0.5e-3)
-    assert len(made) <= 2.0 * (path / 45e-6 + 20)
-    monkeypatch.setattr(moving_contact, "MOST", 5e-6)
-    fine = simulate(scene, 9e-4, contact_motion=1, record=True)
-    assert len(made) > 100
-    assert np.abs(run.velocity_B - fine.velocity_B).max() < 0.02 * np.abs(fine.velocity_B).max()
+def sliding(scene, contact=SLIP):
+    """Modes as in steady sliding at the speed of the drive, seen from P2's clamp before the jerk."""
+    elastic, q = FULL.stiffness > 0.0, scene.F * FULL.rest
+    q[elastic] += scene.mu * scene.F * FULL.tangential[elastic] / FULL.stiffness[elastic]
+    q[~elastic] -= FULL.normal @ q / FULL.normal[~elastic]
+    return State(q, -FULL.inertia * scene.V, contact)
 
 
-def test_a_contact_that_moves_to_where_it_is_not_unique_is_an_error():
-    """Between two nodes of P2 the contact closes less than at a node."""
-    start, end = (critical_mu(Rig(contact_position=place), 5.0, "paper") for place in (0.0801, 0.08))
-    scene = Scene(0.1, 5.0, 32.1, 9.0, Rig(contact_position=0.0801))
-    assert end < scene.mu < start
-    with pytest.raises(
-        ContactError, match=r"mu = 32\.1: from 32\.0\d* on .* with the contact 0\.0800\d* m"
-    ) as said:
-        simulate(scene, 2e-3, "paper", contact_motion=-1)
-    place = float(str(said.value).split("contact ")[2].split(" m")[0])
-    assert critical_mu(Rig(contact_position=place), 5.0, "paper") <= scene.mu
-    assert critical_mu(Rig(contact_position=place + 2.0 * LEAST), 5.0, "paper") > scene.mu
+@pytest.mark.parametrize("method", ["fast", "exact", "paper"])
+def test_a_run_that_begins_in_slip_has_slipped_and_waits_until_it_has_settled(method):
+    scene = replace(PAPERS, V=0.1, mu=0.05)
+    given = {"initial": sliding(scene), "ramp": 0.0}
+    early, late = (simulate(scene, 2e-3, method, **given, **more).summary for more in ({}, {"settle": 0.0}))
+    assert early["first_slip_time"] == late["first_slip_time"] == 0.0
+    assert np.isnan(early["slip_fraction"])
+    assert (early["regime"], late["slip_fraction"]) == ("undecided", 1.0)
+    if method == "fast":
+        assert simulate(scene, 0.25, **given).summary["regime"] == "steady sliding"
+
+
+def test_what_a_long_stick_is_and_with_it_the_regime_does_not_depend_on_the_start():
+    """Next to the onset of the pair at 2.8 kHz sticks are short; from an open contact they come at once."""
+    scene, up = Scene(2e-3, 5.0, 0.11, 9.0), 1e-6 / FULL.normal[0] * (FULL.stiffness == 0.0)
+    starts = ({}, {"ramp": 0.05}, {"initial": State(scene.F * FULL.rest + up, 0.0 * up, SEPARATION)})
+    runs = [simulate(scene, 0.8, **given).summary for given in starts]
+    assert {run["regime"] for run in runs} == {"irregular"}
+    assert max(len(run["stick_times"]) for run in runs) < 5
+    normalised = Normalised.of(scene)
+    times = [FastRun(normalised, Options(0.8, ramp=ramp)).record["least_stick"][0] for ramp in (0.0, 0.05)]
+    assert times == [0.2 * loading_time(normalised)] * 2
+
+
+# The contact point is fixed.
+def test_a_run_that_moves_p2_by_more_than_2_percent_of_its_length_warns(recwarn):
+    simulate(Scene(1.0, 5.0, 0.2, 9.0), 2.99e-3)
+    simulate_many([Scene(1.0, 5.0, 0.2, 9.0)], 6e-3)
+    assert not recwarn.list
+    with pytest.warns(FixedContactWarning, match=r"^V \* duration is 4 % of P2's length: .*point is fixed"):
+        simulate(Scene(-1.0, 5.0, 0.2, 9.0), 6e-3)

@@ -7,18 +7,18 @@ import pytest
 
 import fivcore
 from fivcore import Beam, InputError, Rig, Scene, Until
-from fivcore.contact.ablation import with_dashpot, with_relaxation_time, without_cross_terms
 from fivcore.contact.reduced import reduced_model
+from studies.accuracy.ablation import truncated, with_dashpot, without_cross_terms
 
 RIG, SCENE, NAN, INF = Rig(), Scene(5e-3, 5.0, 0.2, 9.0), float("nan"), float("inf")
-ZEROS, SHORT = np.zeros(361), partial(with_relaxation_time, tau=1e-7)
+ZEROS, SHORT = np.zeros(361), partial(with_dashpot, factor=0.6)
 STEEL = {"length": 0.15, "width": 0.015, "thickness": 0.003, "young_modulus": 185e9, "density": 7900.0}
 
 
 def law(**given):
     """Options of the contact's law, which two functions check alike."""
     messages = []
-    for call in (partial(fivcore.critical_mu, RIG, 5.0), partial(fivcore.simulate, SCENE, 0.01)):
+    for call in (partial(fivcore.painleve_mu, RIG, 5.0), partial(fivcore.simulate, SCENE, 0.01)):
         with pytest.raises(ValueError, match=r".") as caught:
             call(**given)
         messages.append(str(caught.value))
@@ -78,10 +78,9 @@ ALONE = [
     ("unstable", {"mu": 1.5}),
     ("run", {"scene": "fig5", "duration": 0.0, "ramp": -1.0, "settle": -1.0, "cutoff": -1.0, "sample_rate": 0.0}),
     ("run", {"method": "newmark", "ramp": 1e-320, "end_early": 1, "leap": 1, "record": "a", "initial": 3}),
-    ("run", {"step": 3e-6, "cutoff": 1.0, "contact_motion": True}),
-    ("run", {"contact_motion": 2}),
+    ("run", {"step": 3e-6, "cutoff": 1.0}),
     ("runs", {"duration": -1.0}),
-    ("law", {"termination": "soft", "modify": 0, "beta2": 0.8, "numerical_damping": "newmark"}),
+    ("law", {"modify": 0, "beta2": 0.8, "numerical_damping": "newmark"}),
     ("until", {"standard_error": 0.0, "least": -1.0, "most": NAN}),
     ("dashpot", {"factor": -1.0}),
 ]
@@ -115,15 +114,20 @@ TOGETHER = [
     ("many", {"numbers": MOVED}, "rig of row 1: Rig: contact_position = 0.1"),
     ("run", {"method": np.array(["fast"])}, "method = array"),
     ("run", {"step": 2.2e-8, "method": "paper"}, "at most 2.164e-08 s"),
-    ("run", {"cutoff": 50e3, "method": "paper"}, "cutoff = 50000"),
+    *(
+        ("run", {"method": method, name: value}, f"{name} = {value}: method '{method}' does not use it")
+        for method, given in {
+            "fast": {"beta2": 0.7},
+            "exact": {"beta2": 0.7, "leap": False, "end_early": False},
+            "paper": {"cutoff": 50e3, "leap": False, "end_early": False},
+        }.items()
+        for name, value in given.items()
+    ),
     (
         "run",
-        {"cutoff": 20e3, "method": "exact", "modify": partial(with_relaxation_time, tau=0.0)},
+        {"cutoff": 20e3, "method": "exact", "modify": partial(with_dashpot, factor=0.0)},
         "cutoff = 20000",
     ),
-    ("run", {"contact_motion": 1, "method": "exact"}, "contact_motion = 1"),
-    ("run", {"contact_motion": -1, "duration": 20.0}, "duration = 20: it must be at most 15.6672 s"),
-    ("run", {"contact_motion": 1, "duration": 20.0}, "duration = 20: it must be at most 14.0005 s"),
     ("run", {"duration": 1e4, "record": True}, "over this duration it must be at most 10000 Hz"),
     ("run", {"duration": 2e-3, "step": 1e-12}, "step = 1e-12: it must be at least 2e-11 s over this duration"),
     ("run", {"sample_times": [0.0]}, "sample_times"),
@@ -139,11 +143,11 @@ TOGETHER = [
     ("run", {"scene": Scene(1e-3, 5.0, 0.2, 9.0, Rig(d1=1e12)), "duration": 2e-3}, "d1 = 1e+12,"),
     ("runs", {"ramp": [1e-3]}, "ramp: a list of 1"),
     ("runs", {"numerical_damping": ["none", "published", None]}, "numerical_damping: a list of 3"),
-    ("law", {"termination": "elastic", "method": "exact"}, "termination = 'elastic'"),
-    ("law", {"modify": partial(with_relaxation_time, tau=-1e-9)}, "tau = -1e-09"),
-    ("law", {"modify": SHORT, "termination": "none"}, "modify: with termination 'none'"),
-    ("law", {"modify": without_cross_terms, "cutoff": 1e9}, "modify: with termination 'none', or every mode kept"),
-    ("law", {"modify": SHORT, "method": "paper"}, "modify: method 'paper'"),
+    ("law", {"modify": partial(with_dashpot, factor=-1e-9)}, "factor = -1e-09"),
+    ("law", {"modify": truncated, "cutoff": 1e9}, "modify: every mode is kept"),
+    ("law", {"modify": without_cross_terms, "cutoff": 1e9}, "modify: every mode is kept"),
+    ("law", {"modify": SHORT, "method": "paper"}, "method 'paper' does not use it"),
+    ("law", {"cutoff": 50e3, "method": "paper"}, "cutoff = 50000.0: method 'paper' does not use it"),
     ("law", {"beta2": 0.49, "method": "paper"}, "beta2 = 0.49"),
     ("law", {"beta2": 0.6, "numerical_damping": "none", "method": "paper"}, "beta2 = 0.6 with numerical_damping"),
 ]

@@ -209,12 +209,12 @@ def test_a_point_is_in_a_regime_failed_or_pending():
         ("steadiness", 0.01, {"slip_share": 1.0}, ("steady sliding", "irregular", "irregular")),
         ("stick_share", 0.1, {"last_stick": 0.7}, ("irregular", "irregular", "intermittent")),
         ("last_stick", 2.0 / 3.0, {"stick_share": 0.2}, ("irregular", "irregular", "intermittent")),
-        ("coherence", 0.9, {}, ("irregular", "irregular", "periodic")),
+        ("periodicity", 0.9, {}, ("irregular", "irregular", "periodic")),
     ],
 )
 def test_below_at_and_above_each_limit_a_point_of_a_result_is_in_its_regime(name, limit, others, words):
     usual = {"slipped": True, "drive": 50.0, "slip_share": 0.5, "steadiness": 1.0}
-    usual |= {"stick_share": 0.0, "last_stick": 0.0, "coherence": 0.3} | others
+    usual |= {"stick_share": 0.0, "last_stick": 0.0, "periodicity": 0.3} | others
     found = [regime_of(**usual | {name: value}) for value in (0.999 * limit, limit, 1.001 * limit)]
     data = row(status=1, regime=[REGIMES.index(word) for word in found])
     assert tuple(motion.kind(data.isel(V=k)) for k in range(3)) == words

@@ -145,7 +145,7 @@ def by_exact(system, duration, step, every=8):
     rows, places = [], []
     with (
         mock.patch.object(exact, "reduced_model", return_value=system.model),
-        mock.patch.object(exact, "element_displacement", return_value=np.array(system.u)),
+        mock.patch.object(exact, "residual_gaps", return_value=np.array(system.u)),
     ):
         run = exact.ExactRun(scene, options)
         run._length = every
@@ -186,5 +186,5 @@ def stepped(system, steps, dt, b=published.BETA2, tau=published.TAU):
     rows, samples = np.empty((steps, 6)), np.empty((count_in(0, steps, steps), SAMPLE))
     modes = (k, c, inverse, normal, tangential, 1.0 * (np.arange(len(k)) == 0))
     sticks = np.empty((steps, 2))
-    published.advance(record, steps, modes, f, np.zeros((2, 0)), q, vs, a, reach, samples, rows, sticks)
+    published.advance(record, steps, modes, f, q, vs, a, reach, samples, rows, sticks)
     return rows, q

@@ -74,7 +74,6 @@ def test_a_cost_is_that_of_whole_runs_after_one_that_compiles(monkeypatch):
         return [Transient(scene, nothing | {"regime": "stuck", "stick_times": []}) for scene in scenes]
 
     monkeypatch.setattr(study, "simulate_many", simulated)
-    monkeypatch.setattr(study, "simulate", lambda scene, *rest, **options: simulated([scene], *rest))
     monkeypatch.setattr(study.time, "thread_time", lambda: next(clock))
     found = [study.measure(method, DEFAULT, QUICK, 2.0, 1e-3, 3, 1)["cpu_per_second"] for method in (FAST, PAPER)]
     assert ran == [(1, 2.0), (3, 2.0), (1, study.WARMING), (1, 2.0)]

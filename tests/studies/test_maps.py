@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from fivcore import Rig, Scene, critical_mu, flutter_onsets, glued_frequencies, sliding_modes
+from fivcore import Rig, Scene, flutter_onsets, glued_frequencies, painleve_mu, sliding_modes
 from studies import registry, results, runner
 from studies.gallery import maps
 from studies.motion import ensemble, run
@@ -44,7 +44,7 @@ def test_the_refined_stability_boundary_is_that_of_the_full_grid():
 
 
 def test_what_does_not_move_is_what_the_core_computes():
-    groups = ("growth_rate,frequency,unstable_modes", "onset_mu", "critical_mu", "glued_frequency_8")
+    groups = ("growth_rate,frequency,unstable_modes", "onset_mu", "painleve_mu", "glued_frequency_8")
     data = [mapped("theta=0,5,12", "contact_position=0.06,0.09", names, {"head_mass": 3.2})[1] for names in groups]
     for theta, position in product((0.0, 5.0, 12.0), (0.06, 0.09)):
         growth, onset, limit, glued = (part.sel(theta=theta, contact_position=position) for part in data)
@@ -55,7 +55,7 @@ def test_what_does_not_move_is_what_the_core_computes():
         np.testing.assert_allclose(growth["frequency"], modes.frequency[top], rtol=1e-3)
         assert growth["unstable_modes"] == np.sum(modes.unstable)
         assert np.array_equal(onset["onset_mu"], [*flutter_onsets(rig, theta).mu, np.nan][0], equal_nan=True)
-        assert float(limit["critical_mu"].fillna(np.inf)) == critical_mu(rig, theta)
+        assert float(limit["painleve_mu"].fillna(np.inf)) == painleve_mu(rig, theta)
         assert glued["glued_frequency_8"] == glued_frequencies(rig, theta)[7]
 
 

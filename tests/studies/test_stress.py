@@ -17,12 +17,12 @@ from tests import HOME
 
 # A handful of every kind; all others are run under `slow`, and the outcomes of all are in the reference.
 SOON = {
-    "fast": ["step 0.9 of the largest", "step 1.001 of the largest", "1.001 of critical mu, 20°", "tangent",
+    "fast": ["step 0.9 of the largest", "step 1.001 of the largest", "1.001 of Painleve's mu, 20°", "tangent",
              "in the mirror", "F = 1e+06 N, same V/F", "preload 10000 F", "open, stick", "3 and 3 elements",
-             "ramp 1e-09 s", "to P2's clamp, 1.001 of the way", "1.001 of the least cut-off, none"],
-    "exact": ["0.999 of critical mu, 20°", "0.9999999 of critical mu, 20°", "0.999 of the least V/F",
-              "1.001 of the least V/F", "thrown at 100 m/s", "head of 1e9 kg", "every mode, no element",
-              "1.001 of the least cut-off, absorbing", "step 0.5 of the largest", "too many samples"],
+             "ramp 1e-09 s", "1.001 of the least cut-off"],
+    "exact": ["0.999 of Painleve's mu, 20°", "0.9999999 of Painleve's mu, 20°", "0.999 of the least V/F",
+              "1.001 of the least V/F", "thrown at 100 m/s", "head of 1e9 kg", "every mode",
+              "1.001 of the least cut-off", "step 0.5 of the largest", "too many samples"],
     "paper": ["step 1.001 of the largest", "theta = 90°", "no such state", "3 and 3 elements", "100 s, vibrating"],
 }  # fmt: skip
 SLOW = [(name, method) for name in CASES for method in METHODS if name not in SOON[method]]
@@ -49,7 +49,7 @@ def test_the_reference_holds_what_is_expected_and_the_set_of_cases_is_closed():
     assert [*outcome.index] == [(name, method) for name in CASES for method in METHODS]
     assert [*outcome] == [expected(*pair) for pair in outcome.index]
     assert (passed == 1).all()
-    assert len(CASES) == 137
+    assert len(CASES) == 127
     assert TOO_EXPENSIVE.keys() <= CASES.keys()
     assert {case.edge for case in CASES.values()} == {*LIMITS, ""}
 
