@@ -75,7 +75,7 @@ class Fast:
         if self.model.K.any() and system.contact != SEPARATION:
             # The same force of the element that impulses need.
             u = np.linalg.solve(self.solver.impulse.stiffness, self.model.K @ u)
-        self.record = record = begin(self.solver.record.copy(), 0.0, 0.0, 1.0)
+        self.record = record = begin(self.solver.record.copy(), 0.0, 0.0, 1.0, system.contact)
         (p_rest, T_rest), away = self.solver.at_rest, system.q - rest
         fill(record, contact=system.contact, speed=system.V, threshold=np.inf, u_N=u[0], u_T=u[1])
         fill(record, anchor=u[1] + tangential @ away + T_rest, p_rest=p_rest, T_rest=T_rest)
@@ -179,7 +179,7 @@ def stepped(system, steps, dt, b=published.BETA2, tau=published.TAU):
     vs = v if system.held else v + dt * (1.0 - b) * (f - k * q - c * v)
     a = (f - k * q - c * vs) * inverse
     reach = q + dt * (vs + b * dt * a) + 0.5 * dt**2 * a
-    record = begin(np.zeros(1, published.SCENE), 0.0, 0.0, 1.0)
+    record = begin(np.zeros(1, published.SCENE), 0.0, 0.0, 1.0, SLIP)
     fill(record, dt=dt, b=b, r=dt / tau, mu=system.mu, speed=system.V, gap_N=normal @ reach)
     fill(record, W_NN=W[0], W_NT=W[1], W_TT=W[2], gap_T=tangential @ reach, last_gT=tangential @ q)
     fill(record, last_T=system.last_T, contact=SLIP, sample_every=steps, row_every=1, stick_room=steps)
