@@ -107,11 +107,11 @@ def test_what_is_left_of_a_long_run_costs_nothing():
     assert summary["energy_residual"] < 1e-3
 
 
-@pytest.mark.parametrize(("mu", "nudge"), [(0.11127, 1e-12), (0.1114, 0.0)])
-def test_a_growing_mode_is_seen_however_small_it_is(mu, nudge, monkeypatch):
+@pytest.mark.parametrize("mu", [0.11127, 0.1114])
+def test_a_growing_mode_is_seen_however_small_it_is(mu, monkeypatch):
     """At 11 or 52 1/s it needs a while to become a vibration; until then it looks like steady sliding.
 
-    Runs begin at the fixed point itself, to the last bit, but for a little of one mode.
+    Runs begin at the fixed point itself, to the last bit, but for a little of one mode: left alone they stay there.
     """
     begin, asked = FastRun._start, []
 
@@ -119,7 +119,7 @@ def test_a_growing_mode_is_seen_however_small_it_is(mu, nudge, monkeypatch):
         begin(run, initial)
         sliding = steady_sliding(run.model, run.scene.mu, run.step)
         q, v, (run.record["u_N"], run.record["u_T"]) = sliding.start(run.scene.speed_per_load)
-        v[1] += nudge * run.scene.speed_per_load
+        v[1] += 1e-12 * run.scene.speed_per_load
         run._place(q, v)
 
     monkeypatch.setattr(FastRun, "_start", placed)
