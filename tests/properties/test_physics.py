@@ -177,6 +177,7 @@ def test_a_motion_obeys_the_law_of_the_contact(method, duration, count):
 
 @given(scenes(), st.floats(1e-3, 1e3), st.sampled_from(["fast", "fast", "fast", "exact"]))
 @examples(15)
+@example(Scene(0.1, 1.0, 0.5, 1.0, Rig.of(p1_length=0.06, head_mass=1.0, d1=0.0)), 3.0, "fast")
 def test_a_motion_is_homogeneous_in_speed_and_load_and_the_same_in_the_mirror(scene, factor, method):
     given = {"record": True, "settle": 0.0}
     duration = 0.01 if method == "fast" else 2e-3
