@@ -3,7 +3,14 @@
 Nothing here knows of sweeps, files or figures. Units are SI; only theta is in degrees.
 """
 
-from fivcore.errors import ContactError, DivergenceError, FixedContactWarning, InputError, UnsolvedError
+from fivcore.errors import (
+    BeamModelWarning,
+    ContactError,
+    DivergenceError,
+    FixedContactWarning,
+    InputError,
+    UnsolvedError,
+)
 from fivcore.rig import Beam, Rig, Scene
 from fivcore.stability.intervals import OnsetCurve, OnsetCurves, UnstableWindows, onset_curves, unstable_windows
 from fivcore.stability.many import FlutterOnsets, ManyFlutterOnsets, flutter_onsets, flutter_onsets_many
@@ -16,7 +23,8 @@ from fivcore.transient.simulate import painleve_mu, simulate, simulate_many
 from fivcore.transient.until import Until
 
 __all__ = [
-    "Beam", "ContactError", "DivergenceError", "FixedContactWarning", "FlutterOnsets", "InputError",
+    "Beam", "BeamModelWarning", "ContactError", "DivergenceError", "FixedContactWarning", "FlutterOnsets",
+    "InputError",
     "ManyFlutterOnsets", "OnsetCurve", "OnsetCurves", "OnsetSensitivity", "Rig", "Scene", "SlidingModes", "State",
     "Transient", "UnsolvedError", "UnstableWindows", "Until", "flutter_onsets", "flutter_onsets_many",
     "glued_frequencies", "node_positions", "onset_curves", "onset_sensitivity", "painleve_mu", "simulate",

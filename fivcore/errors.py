@@ -37,6 +37,10 @@ class FixedContactWarning(UserWarning):
     """P2 moves by more of its length than a model with a fixed contact point is right for."""
 
 
+class BeamModelWarning(UserWarning):
+    """Sliding is unstable by a motion alone that is too fast for the beam model."""
+
+
 # Largest share of P2's length that P2 may move without this warning.
 FIXED = 0.02
 

@@ -50,6 +50,9 @@ class Transient:
         Velocity along x of P1's surface relative to P2's, m/s.
     state : ndarray of int8, (n,)
         0 separation, 1 stick, 2 slip.
+    growing : ndarray, (m,)
+        Frequencies of the motions by which steady sliding is unstable in the reduced model, Hz; for "fast" with
+        the default cut-off, else empty.
     """
 
     scene: Scene
@@ -60,6 +63,7 @@ class Transient:
     tangential_force: Array = field(default_factory=lambda: np.zeros(0))
     slip_velocity: Array = field(default_factory=lambda: np.zeros(0))
     state: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
+    growing: Array = field(default_factory=lambda: np.zeros(0))
 
     def _repr_html_(self) -> str:
         rows = [(name, _short(value)) for name, value in self.summary.items()]

@@ -75,7 +75,12 @@ class FastRun:
         # A ramp shorter than a step is none.
         self._ramp = options.ramp if options.ramp >= self.step else 0.0
         self._ramp_ends = int(self._ramp / self.step)
-        finer = options.cutoff is None and options.initial is None and model.K.any()
+        finer = options.cutoff is None and options.initial is None and bool(model.K.any())
+        self.growing: Array = np.zeros(0)
+        if finer and (steady := steady_sliding(model, scene.mu, self.step)) is not None:
+            self.growing = steady.growing
+            # Growth in the finer model alone would start a vibration where this one's sliding is stable.
+            finer = not steady.decays
         self._fine = onset.finer_solver(scene, self.step, options) if finer else None
         distance = slip_distance(scene)
         self._share = 1.0 - min(onset.LEAD * scene.speed_per_load / distance, 1.0) if distance > 0.0 else 0.0

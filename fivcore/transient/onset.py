@@ -3,7 +3,8 @@
 The first separation follows a growth that lives partly above the cut-off (with the paper's rig at 54 to 145 kHz),
 and the first burst begins with what has grown there. Unless a cut-off is given, the run therefore uses a finer
 model from `LEAD` before the first slip to `AFTER` after the first separation: `HIGHER` times the cut-off and
-1 / `FINER` of the step.
+1 / `FINER` of the step. Where sliding is stable in the run's own model it does not: the motion begins to vibrate at
+the friction at which that model loses its linear stability.
 
 A state is that at the start of a step, midway between two impulses, where a lasting force deflects the modes
 further than without impulses. Coordinates are deviations from the equilibrium under the unit load.
@@ -22,7 +23,7 @@ from fivcore.transient.fast_solver import Solver, frozen_solver
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 
-FINER, HIGHER = 4, 3.2
+FINER, HIGHER = 4, 4.0
 # Before the first slip, until what the change of model excites is gone; longest to separation; after it, s.
 LEAD, LONGEST, AFTER = 3e-3, 21e-3, 3e-3
 

@@ -63,6 +63,12 @@ class SteadySliding:
         self.decays, self._share = decay > max(LEAST_DECAY, 2.0 * error), error / decay
         self._left = float(maps.separation[0, 0])
 
+    @property
+    def growing(self) -> Array:
+        """Frequencies of the motions that grow, Hz, ascending."""
+        grows = (self.eigenvalues.real > 0.0) & (self.eigenvalues.imag >= 0.0)
+        return np.asarray(np.sort(self.eigenvalues.imag[grows]) / (2.0 * np.pi))
+
     def readings(self, speed: float) -> Array:
         """Return the readings in steady sliding at V = `speed`."""
         return np.asarray(self._rows @ np.append(self.state, [1.0, speed]))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fivcore.contact.reduced import INTERVAL
+from fivcore.jit import Array
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import SAMPLE, Segment, count_in, room_for_sticks
@@ -34,6 +35,7 @@ class SteppedRun:
         every = max(round(INTERVAL / step), 1)
         self.rate = 1.0 / (every * step)
         self.segments: list[Segment] = []
+        self.growing: Array = np.zeros(0)
         self.record = options.record_of(scene, fields)
         self.record["contact"] = options.contact
         self.record["sample_every"] = every
