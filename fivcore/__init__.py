@@ -4,11 +4,11 @@ Nothing here knows of sweeps, files or figures. Units are SI; only theta is in d
 """
 
 from fivcore.errors import (
-    BeamModelWarning,
     ContactError,
     DivergenceError,
     FixedContactWarning,
     InputError,
+    OutOfBandWarning,
     UnsolvedError,
 )
 from fivcore.rig import Beam, Rig, Scene
@@ -23,10 +23,10 @@ from fivcore.transient.simulate import painleve_mu, simulate, simulate_many
 from fivcore.transient.until import Until
 
 __all__ = [
-    "Beam", "BeamModelWarning", "ContactError", "DivergenceError", "FixedContactWarning", "FlutterOnsets",
-    "InputError",
-    "ManyFlutterOnsets", "OnsetCurve", "OnsetCurves", "OnsetSensitivity", "Rig", "Scene", "SlidingModes", "State",
-    "Transient", "UnsolvedError", "UnstableWindows", "Until", "flutter_onsets", "flutter_onsets_many",
+    "Beam", "ContactError", "DivergenceError", "FixedContactWarning", "FlutterOnsets", "InputError",
+    "ManyFlutterOnsets", "OnsetCurve", "OnsetCurves", "OnsetSensitivity", "OutOfBandWarning", "Rig", "Scene",
+    "SlidingModes", "State", "Transient", "UnsolvedError", "UnstableWindows", "Until", "flutter_onsets",
+    "flutter_onsets_many",
     "glued_frequencies", "node_positions", "onset_curves", "onset_sensitivity", "painleve_mu", "simulate",
     "simulate_many", "sliding_modes", "tune_head_mass", "unstable_windows",
 ]  # fmt: skip

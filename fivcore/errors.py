@@ -37,8 +37,20 @@ class FixedContactWarning(UserWarning):
     """P2 moves by more of its length than a model with a fixed contact point is right for."""
 
 
-class BeamModelWarning(UserWarning):
-    """Sliding is unstable by a motion alone that is too fast for the beam model."""
+class OutOfBandWarning(UserWarning):
+    """Sliding is unstable, but not in the band in which onsets of flutter are looked for by default."""
+
+
+# That band, Hz.
+BAND = 10e3
+
+
+def out_of_band(mu: float, frequency: float, valid_up_to: float) -> str:
+    """Text of the warning."""
+    return (
+        f"at mu = {mu:g} sliding is unstable at {frequency:.4g} Hz and not below {BAND:g} Hz, the default band of"
+        f" flutter_onsets; the beam model holds up to {valid_up_to:.3g} Hz (rig.valid_up_to)"
+    )
 
 
 # Largest share of P2's length that P2 may move without this warning.

@@ -31,17 +31,17 @@ from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig
 
 MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "point_b", "load")
-# Default step of `fast` in units of the contact's own time 1 / omega (with 1.75 the paper's rig balances its energy
-# to 0.3 %, with 1.92 to 1 %); without a dashpot, which damps the step's energy error; of a rigid contact, in units of
-# the fastest mode's time; and the largest step, below the 2.389 at which the paper's rig loses its stability in stick
-# (`step_map`), for any mu.
+# Default step of `fast` in units of the contact's own time 1 / omega (with 1.75 the paper's rig balances its
+# energy to 0.3 %, with 1.92 to 1 %); without a dashpot, which damps the step's energy error; of a rigid contact,
+# in units of the fastest mode's time; and the largest step, below the 2.389 at which the paper's rig loses its
+# stability in stick (`step_map`), for any mu.
 STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 1.75, 0.3, 0.5, 2.35
 # Statistics are sampled so often, s; where a default step is not longer, a whole number of them fills the time.
 INTERVAL = 20e-6
-# Hz. With SHARE of the frequency that follows from it the largest error of a share of time is below 0.008 on half of
-# 102 random scenes and below 0.022 on 90 % of them; with all of it, below 0.006 and 0.025; with 0.64 it is above 0.02
-# on a fifth of the scenes that stay in one kind of motion. Linear stability, the contact's responses and the axial
-# modes next to the cut-off do not tell which scenes need more.
+# Hz. With SHARE of the frequency that follows from it the largest error of a share of time is below 0.008 on half
+# of 102 random scenes and below 0.022 on 90 % of them; with all of it, below 0.006 and 0.025; with 0.64 it is
+# above 0.02 on a fifth of the scenes that stay in one kind of motion. Linear stability, the contact's responses
+# and the axial modes next to the cut-off do not tell which scenes need more.
 LEAST_CUTOFF, SHARE = 115e3, 0.8
 # Damping ratio of the contact. With 0.045 the mean error of a share of time over random rigs with one
 # kind of motion is below 0.01 at cut-offs from 3.1 to 6.2 c / (4 L); 0.06 balances energy better and shifts stick

@@ -123,7 +123,9 @@ class Job:
         summary = summarise(self.run, self._observer, self._sticks, self._further)
         if self._watch is not None:
             summary["standard_error_reached"] = self._watch.known
-        return Transient(self._scene, summary, **self._series.whole(self.run.steps * self.run.step))
+        return Transient(
+            self._scene, summary, **self._series.whole(self.run.steps * self.run.step), growing=self.run.growing
+        )
 
 
 def located(error: SceneError, scene: Scene) -> SceneError:

@@ -3,8 +3,8 @@
 The first separation follows a growth that lives partly above the cut-off (with the paper's rig at 54 to 145 kHz),
 and the first burst begins with what has grown there. Unless a cut-off is given, the run therefore uses a finer
 model from `LEAD` before the first slip to `AFTER` after the first separation: `HIGHER` times the cut-off and
-1 / `FINER` of the step. Where sliding is stable in the run's own model it does not: the motion begins to vibrate at
-the friction at which that model loses its linear stability.
+1 / `FINER` of the step. Where sliding is stable in the run's own model it does not: the motion begins to vibrate
+at the friction at which that model loses its linear stability.
 
 A state is that at the start of a step, midway between two impulses, where a lasting force deflects the modes
 further than without impulses. Coordinates are deviations from the equilibrium under the unit load.

@@ -10,7 +10,16 @@ from warnings import warn
 
 from fivcore import checks
 from fivcore.contact.reduced import Modify, full_model, modified, reduced_model
-from fivcore.errors import FIXED, BeamModelWarning, FixedContactWarning, InputError, SceneError, fixed_contact
+from fivcore.errors import (
+    BAND,
+    FIXED,
+    FixedContactWarning,
+    InputError,
+    OutOfBandWarning,
+    SceneError,
+    fixed_contact,
+    out_of_band,
+)
 from fivcore.rig import Rig, Scene
 from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
@@ -108,8 +117,9 @@ def simulate(
     -----
     FixedContactWarning
         Where V times the duration exceeds 2 % of P2's length, along which the contact point does not move.
-    BeamModelWarning
-        Where sliding is unstable only by motions above `Rig.valid_up_to` ("fast" by default).
+    OutOfBandWarning
+        Where sliding is unstable only above 10 kHz, the default band of `fivcore.flutter_onsets` (for "fast" with
+        the default cut-off).
     """
     arguments = dict(locals())
     (result,) = simulate_many([arguments.pop("scene")], **arguments)
@@ -118,14 +128,8 @@ def simulate(
     moved = abs(scene.V) * result.summary["simulated_time"] / scene.rig.p2.length
     if moved > FIXED:
         warn(fixed_contact(moved), FixedContactWarning, stacklevel=2)
-    growing, limit = result.growing, scene.rig.valid_up_to
-    if len(growing) and growing[0] > limit:
-        warn(
-            f"at mu = {scene.mu:g} sliding is unstable at {growing[0]:.4g} Hz alone, beyond the {limit:.3g} Hz up to"
-            " which the beam model holds (rig.valid_up_to): a vibration that begins there may be none of the rig's",
-            BeamModelWarning,
-            stacklevel=2,
-        )
+    if len(result.growing) and result.growing[0] > BAND:
+        warn(out_of_band(scene.mu, result.growing[0], scene.rig.valid_up_to), OutOfBandWarning, stacklevel=2)
     return result
 
 
