@@ -48,8 +48,9 @@ BAND = 10e3
 def out_of_band(mu: float, frequency: float, valid_up_to: float) -> str:
     """Text of the warning."""
     return (
-        f"at mu = {mu:g} sliding is unstable at {frequency:.4g} Hz and not below {BAND:g} Hz, the default band of"
-        f" flutter_onsets; the beam model holds up to {valid_up_to:.3g} Hz (rig.valid_up_to)"
+        f"at mu = {mu:g} sliding is unstable at {1e-3 * frequency:.3g} kHz and not below {1e-3 * BAND:g} kHz, the"
+        f" default band of flutter_onsets; the beam model holds up to {1e-3 * valid_up_to:.3g} kHz"
+        " (rig.valid_up_to)"
     )
 
 
