@@ -86,9 +86,10 @@ class Parameter:
                 raise InputError(f"{name} = {values[~np.isfinite(values)][0]}: it must be finite")
             values = np.unique(Axis(values.astype(float)).values)
             if self.is_whole:
-                fraction = (values != np.rint(values)) | (np.abs(values) >= 2**53)
+                # Axes are rounded to 15 digits.
+                fraction = (values != np.rint(values)) | (np.abs(values) >= 1e15)
                 if np.any(fraction):
-                    raise InputError(f"{name} = {values[fraction][0]:g}: it must be a whole number")
+                    raise InputError(f"{name} = {values[fraction][0]:g}: it must be a whole number below 1e15")
                 values = values.astype(np.int64)
         return values[0].item() if len(values) == 1 and not np.ndim(self.default) else values
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from fivcore import ManyFlutterOnsets, Rig, checks, flutter_onsets_many
 from studies.motion.run import BAND
@@ -113,14 +113,14 @@ def _frozen(kind: str, *numbers: float) -> Any:
         for name, value in zip(names, numbers, strict=True):
             if not value > 0.0 and name != "MEAN":
                 raise InputError(f"{name} must be above 0, not {value:g}")
-        return stats.norm(first, last) if kind == "normal" else stats.lognorm(last, scale=first)
+        return scipy.stats.norm(first, last) if kind == "normal" else scipy.stats.lognorm(last, scale=first)
     if not (first < last and math.isfinite(last - first)):
         raise InputError(f"LOW = {first:g} must be below HIGH = {last:g}, and HIGH - LOW at most 1.8e308")
     if kind == "uniform":
-        return stats.uniform(first, last - first)
+        return scipy.stats.uniform(first, last - first)
     if not first <= numbers[1] <= last:
         raise InputError(f"MODE must be from LOW = {first:g} to HIGH = {last:g}, not {numbers[1]:g}")
-    return stats.triang((numbers[1] - first) / (last - first), first, last - first)
+    return scipy.stats.triang((numbers[1] - first) / (last - first), first, last - first)
 
 
 def usual(numbers: Mapping[str, Any]) -> dict[str, str]:
@@ -194,7 +194,7 @@ def wilson(share: Any, count: int, confidence: float = 0.95) -> tuple[Array, Arr
     Wilson, J. Amer. Statist. Assoc. 22, 1927, 209-212. For Sobol points, which vary less, it is too wide.
     """
     share = np.asarray(share, dtype=float)
-    z2 = float(stats.norm.ppf(0.5 + 0.5 * confidence)) ** 2
+    z2 = float(scipy.stats.norm.ppf(0.5 + 0.5 * confidence)) ** 2
     middle = (share + 0.5 * z2 / count) / (1.0 + z2 / count)
     half = np.sqrt(z2 * (share * (1.0 - share) / count + 0.25 * z2 / count**2)) / (1.0 + z2 / count)
     return np.clip(middle - half, 0.0, share), np.clip(middle + half, share, 1.0)
@@ -221,7 +221,7 @@ def sobol_indices(
 
     def indices(chosen: Array) -> Array:
         f = values[:, chosen]
-        found = stats.sobol_indices(func={"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}, n=count)
+        found = scipy.stats.sobol_indices(func={"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}, n=count)
         return np.stack([np.atleast_1d(found.first_order), np.atleast_1d(found.total_order)])
 
     rng = np.random.default_rng(seed)

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from filelock import FileLock
 from numpy.typing import NDArray
-from scipy import signal
 
 from fivcore import Rig, Scene, checks, simulate_many
 from fivcore.transient.published import STEP
@@ -100,7 +100,7 @@ def rival_peaks(scene: Scene, duration: float, options: Mapping[str, Any]) -> Ar
     times = series.even_times(duration, RATE).values
     chosen = series.after_settling(run, times) & ~series.long_sticks(run, times)
     power = series.spectrum(series.velocity(run, times, RATE), chosen, RATE)
-    peaks = signal.find_peaks(power, STRONG * np.max(power))[0]
+    peaks = scipy.signal.find_peaks(power, STRONG * np.max(power))[0]
     return np.asarray(series.frequencies(RATE).values[peaks[np.argsort(-power[peaks])][:RIVALS]])
 
 

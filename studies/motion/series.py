@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import signal
 
 from fivcore import Scene, Transient, checks
 from fivcore.transient.normalised import Normalised, loading_time
@@ -111,7 +111,7 @@ def velocity(run: Transient, times: Array, sample_rate: float) -> Array:
     """Velocity of B at even `times`, m/s, without what lies above half their rate."""
     fine = np.arange(len(times) * OVERSAMPLING) / (sample_rate * OVERSAMPLING)
     even = np.interp(fine, run.time, run.velocity_B)
-    return np.asarray(signal.resample_poly(even, 1, OVERSAMPLING, padtype="line"))
+    return np.asarray(scipy.signal.resample_poly(even, 1, OVERSAMPLING, padtype="line"))
 
 
 def long_sticks(run: Transient, times: Array) -> NDArray[np.bool_]:

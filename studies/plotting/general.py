@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 import xarray as xr
-from scipy import signal
 
 from studies import labels
 from studies.motion.regimes import kinds
@@ -135,7 +135,7 @@ def draw_series(dataset: xr.Dataset, names: Sequence[str]) -> Figure:
         left.set_title(place, loc="left", fontsize=9.0)
         later = values[int(BEGIN * len(values)) :]
         if np.isfinite(later).all() and len(later) >= 2 * SEGMENTS:
-            frequency, power = signal.welch(later, rate, nperseg=2 * len(later) // SEGMENTS)
+            frequency, power = scipy.signal.welch(later, rate, nperseg=2 * len(later) // SEGMENTS)
             right.plot(1e-3 * frequency, figures.decibels(power), color=figures.BLUE, linewidth=0.8)
             right.set_xlim(0.0, min(10.0, 0.5e-3 * rate))
         right.set_ylabel(f"dB re ({labels.unit_of(dataset[name])[0]})²/Hz")
