@@ -88,12 +88,14 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
     exchanged = max(exchanged, reference_energy(scene, run.options.initial))
     # The largest standard error of a share over one second says how seldom the motion changes its kind.
     unsteady = max(errors[f"{state}_fraction"] for state in states) * np.sqrt(max(duration - start, 0.0))
-    expected = 0.0 if regime in ("stuck", "steady sliding") else float(np.hypot(CUTOFF_ERROR, UNSTEADY * unsteady))
-    cutoff = default_cutoff(scene.rig) if run.options.cutoff is None else run.options.cutoff
-    if run.options.method == "paper":
-        cutoff = float("inf")
-    if run.options.cutoff is not None or run.options.method == "paper":
+    cutoff, method = run.options.cutoff, run.options.method
+    expected = float(np.hypot(CUTOFF_ERROR, UNSTEADY * unsteady))
+    if method == "paper" or cutoff is not None:
         expected = float("nan")
+    elif further or regime in ("stuck", "steady sliding"):
+        expected = 0.0
+    if cutoff is None:
+        cutoff = float("inf") if method == "paper" else default_cutoff(scene.rig)
     figures = {
         **{f"{state}_fraction": value for state, value in share.items()},
         "dominant_frequency": dominant,

@@ -60,7 +60,7 @@ def assert_stretched(full, ended, V):
     allowed = {"velocity_rms": 1e-9 * abs(V), "periodicity": 1e-8, "energy_residual": 1e-8}
     assert (ended["regime"], ended["settled_early"], full["settled_early"]) == (full["regime"], True, False)
     # What is filled in is known; where not all that counts is steady sliding, a full run's errors do not say so.
-    errors = {key for key in full if key.endswith("_se") and full["regime"] != "steady sliding"}
+    errors = {key for key in full if key.endswith(("_se", "_error")) and full["regime"] != "steady sliding"}
     for key in full.keys() - {"regime", "settled_early"} - errors:
         rel = 0.0 if key == "energy_residual" else 1e-8 if key in (*allowed, "slip_fraction") else 1e-7
         assert ended[key] == pytest.approx(full[key], rel=rel, abs=allowed.get(key, 0.0), nan_ok=True), key
