@@ -98,13 +98,12 @@ class Record:
         reached = rows[:, 0]
         self._parts["time"].append(reached.copy() if t is None else t)
         for name, factor in self._factors.items():
-            values = rows[:, SERIES[name]]
+            values = factor * rows[:, SERIES[name]]
             if t is not None and name == "state":
                 values = values[np.maximum(np.searchsorted(reached, t, side="right") - 1, 0)]
             elif t is not None:
                 values = np.interp(t, reached, values)
-            # Interpolated before they are scaled, series of scaled scenes agree to rounding near zero too.
-            self._parts[name].append(values.astype(np.int8) if name == "state" else factor * values)
+            self._parts[name].append(values.astype(np.int8) if name == "state" else values)
 
     def whole(self, end: float) -> dict[str, Any]:
         """Each series of a run that ended at `end`, s, in one piece; nothing where nothing was recorded."""

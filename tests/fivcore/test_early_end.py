@@ -111,7 +111,7 @@ def test_what_is_left_of_a_long_run_costs_nothing():
 def test_a_growing_mode_is_seen_however_small_it_is(mu, monkeypatch):
     """At 11 or 52 1/s it needs a while to become a vibration; until then it looks like steady sliding.
 
-    Runs begin at the fixed point, to the last bit, but for a little of one mode: left alone they stay there.
+    Runs begin at the fixed point itself, to the last bit, where they would stay, but for a little of one mode.
     """
     begin, asked = FastRun._start, []
 
