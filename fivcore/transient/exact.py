@@ -40,8 +40,8 @@ DWELL = 1e-10
 MOST_GROWTH, LOST = 10.0, 1e-9
 # Ends of a status other than a margin's: the end of the ramp or of the run, and that of DWELL.
 BOUNDARY, HELD = -1, -2
-# Default grid on which statistics are read, and length of a segment, s.
-STEP, SEGMENT = 1e-6, 0.04
+# Default grid on which statistics are read, length of a segment, and the shortest ramp, s.
+STEP, SEGMENT, SHORT = 1e-6, 0.04, 1e-7
 # Slip with T = mu N and with T = -mu N; the other statuses have the numbers of `fivcore.transient.statistics`.
 SLIP_UP, SLIP_DOWN = 2, 3
 
@@ -88,7 +88,9 @@ class ExactRun(SteppedRun):
             y[n : 2 * n] = initial.velocity[model.kept]
             u = residual_gaps(scene, model.kept, initial)
             y[2 * n :] = u - np.linalg.solve(model.K, [1.0, 0.0])
-        if options.ramp == 0.0:
+        # Within so short a ramp as 10 ns the acceleration is so large that the motion is lost in rounding beside it.
+        self._ramp = options.ramp if options.ramp >= SHORT else 0.0
+        if self._ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(y)
         self._decide(0.0, y, options.contact)
@@ -119,8 +121,8 @@ class ExactRun(SteppedRun):
         """
         model, r, n = self.model, self._statuses[which], len(self.model.stiffness)
         end, acceleration = self.steps * self.step, 0.0
-        if t < self.options.ramp:
-            end, acceleration = min(self.options.ramp, end), self.scene.speed_per_load / self.options.ramp
+        if t < self._ramp:
+            end, acceleration = min(self._ramp, end), self.scene.speed_per_load / self._ramp
         start = np.array([0.0, self._clamp_velocity(t), acceleration, 1.0, 0.0, 0.0, 0.0, 0.0])
         if which == STICK:
             start[S] = model.tangential @ y[:n] + y[-1]
@@ -186,7 +188,7 @@ class ExactRun(SteppedRun):
         self._enter(t, STICK if sticks else which, y)
 
     def _clamp_velocity(self, t: float) -> float:
-        ramp = self.options.ramp
+        ramp = self._ramp
         return self.scene.speed_per_load * (t / ramp if t < ramp else 1.0)
 
     def _state_at(self, t: float) -> Array:

@@ -64,7 +64,7 @@ def simulate(
         0.5. Default: "published" for "paper", "none" for the others.
     ramp : float
         Time in which the clamp of P2 is uniformly accelerated to its velocity, s. "fast" takes a ramp shorter than
-        a step as none; the drive that decides on "undecided" includes it.
+        a step as none, "exact" one below 1e-7 s; the drive that decides on "undecided" includes it.
     settle : float, optional
         Start of the statistics, s since the drive started. Default: 0.1 s after the first slip; 0 without slip.
     initial : State or tuple, optional
