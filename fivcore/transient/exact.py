@@ -88,7 +88,7 @@ class ExactRun(SteppedRun):
             y[n : 2 * n] = initial.velocity[model.kept]
             u = residual_gaps(scene, model.kept, initial)
             y[2 * n :] = u - np.linalg.solve(model.K, [1.0, 0.0])
-        # Within so short a ramp as 10 ns the acceleration is so large that the motion is lost in rounding beside it.
+        # In a ramp of 10 ns the acceleration is so large that the motion is lost in rounding beside it.
         self._ramp = options.ramp if options.ramp >= SHORT else 0.0
         if self._ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
