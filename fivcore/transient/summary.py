@@ -39,8 +39,8 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
       is larger, over a thousandth of what the load stores at rest, P2's kinetic energy at V and what an initial
       state has beyond rest (`normalised.reference_energy`). That of "paper" has its own damping and its impacts,
       which are booked nowhere.
-    - `cutoff`: Hz, highest frequency of a mode; infinite for "paper". `cutoff_error`: expected error of the shares
-      of time by the default cut-off; 0 where the contact sticks or slides steadily, NaN for another cut-off.
+    - `cutoff`: Hz, highest frequency of a mode; that of all modes for "paper". `cutoff_error`: expected error of
+      the shares of time by the default cut-off; 0 where the contact sticks or slides steadily, NaN for another.
     - `simulated_time`: s; `settled_early`: whether its rest was filled in as proved steady sliding.
     - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`observe.standard_errors`). In
       "stuck" and "steady sliding" 0 for shares, which are constant, and NaN for all else, for a decay has no
@@ -94,8 +94,10 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
         expected = float("nan")
     elif further or regime in ("stuck", "steady sliding"):
         expected = 0.0
-    if cutoff is None:
-        cutoff = float("inf") if method == "paper" else default_cutoff(scene.rig)
+    if method == "paper":
+        cutoff = float(np.sqrt(run.model.stiffness.max())) / (2.0 * np.pi)
+    elif cutoff is None:
+        cutoff = default_cutoff(scene.rig)
     figures = {
         **{f"{state}_fraction": value for state, value in share.items()},
         "dominant_frequency": dominant,

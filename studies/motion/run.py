@@ -44,6 +44,7 @@ SUMMARY = {
     "long_sticks": Variable("1", "number of long sticks after the first slip", (), "int32"),
     "mean_stick_time": Variable("s", "mean duration of the long sticks"),
     "energy_residual": Variable("1", "relative residual of the energy balance"),
+    "cutoff_error": Variable("1", "expected error of the fractions of time by the default cut-off"),
 }
 # Statistics of a run that have a standard error, X_se.
 ESTIMATED = (
@@ -84,7 +85,8 @@ def job(scene: Scene, duration: float | Until, run: Mapping[str, Any], **recordi
 
 def summary_of(run: Transient) -> dict[str, Any]:
     """Values of the variables of SUMMARY."""
-    left_out = ("stick_times", "stick_starts", "censored_sticks", "settled_early", "simulated_time")
+    # The cut-off has the name of a parameter.
+    left_out = ("stick_times", "stick_starts", "censored_sticks", "settled_early", "simulated_time", "cutoff")
     return {name: value for name, value in run.summary.items() if name not in left_out} | {
         "regime": REGIMES.index(run.summary["regime"]),
         "long_sticks": len(run.summary["stick_times"]),
