@@ -10,7 +10,7 @@ class InputError(ValueError):
 
 
 class UnsolvedError(ArithmeticError):
-    """Roots could not be told apart or followed with certainty; the message says where."""
+    """Roots could not be separated or followed with certainty; the message says where."""
 
 
 class SceneError(RuntimeError):

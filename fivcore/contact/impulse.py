@@ -23,7 +23,7 @@ SMALL = 1e-2
 
 
 class Impulse(NamedTuple):
-    """What impulses miss, and the contact corrected for it; all (2, 2), normal first; zero in rigid contact."""
+    """Compliance defect of impulses, and the contact corrected for it; all (2, 2), normal first; zero if rigid."""
 
     # Compliance that the modes lack, m/N.
     defect: Array

@@ -115,7 +115,7 @@ class ReducedModel(ReadOnlyArrays):
         return Impulse(defect, softened, C[0, 0] / softened[0, 0] * softened, half - drift)
 
     def dissipation(self, impulse: Impulse) -> Array:
-        """What the dashpot loses from the mean rates of the gaps over a step, (2, 2), N s/m."""
+        """Damping of the dashpot by the mean rates of the gaps over a step, (2, 2), N s/m."""
         # The mean rate of a gap over an impulse is less than that of the spring within it, by what impulses miss.
         rates = np.linalg.solve(impulse.stiffness, self.K) if self.K.any() else np.eye(2)
         return np.asarray(rates.T @ self.C @ rates)

@@ -70,7 +70,7 @@ def displacement(t: Array, speed: float, ramp: float) -> Array:
 
 
 def energies(scene: Normalised) -> tuple[float, float]:
-    """What the load stores in static equilibrium, and P2's kinetic energy at its clamp's speed, for F = 1."""
+    """Energy stored in static equilibrium, and P2's kinetic energy at its clamp's speed, for F = 1."""
     full = full_model(scene.rig, scene.theta)
     stored = 0.5 * float(np.sum(full.stiffness * full.rest**2))
     return stored, 0.5 * scene.speed_per_load**2 * float(np.sum(full.inertia**2))

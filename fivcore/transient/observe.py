@@ -1,4 +1,4 @@
-"""What is observed of a run: series, spectra, blocks of samples, and standard errors from that run alone.
+"""Observers of a run: series, spectra, blocks of samples, and standard errors from that run alone.
 
 Samples are gathered into blocks of fixed length, so that no figure depends on the segments in which a run is
 computed. Power spectra are Welch's (Hann windows of 20 ms, half overlapping), one within long sticks and one

@@ -1,4 +1,4 @@
-"""What the methods hand to the observers: counters of a run, and segments of samples, rows and long sticks.
+"""Data that the methods hand to the observers: counters of a run, and segments of samples, rows and long sticks.
 
 Counters are fields of each method's own record. Kernels call `count_step` in every step and `enter` where the
 contact state changes, and never read a counter for anything that decides the motion. Times are in seconds since
