@@ -1,7 +1,7 @@
 """The loop over segments that all methods share, and the result of a run.
 
-A method has `advance(runs)`, which takes each run to the end of its next segment and leaves samples, rows and long
-sticks in `run.segments`. The driver hands them to a `Record` and an `Observer`, which never change a run, and
+A method has `advance()`, which takes a run to the end of its next segment and leaves samples, rows and long sticks
+in `run.segments`. The driver hands them to a `Record` and an `Observer`, which never change a run, and
 makes the summary at the end.
 """
 
@@ -25,8 +25,6 @@ from fivcore.transient.published import PaperRun
 from fivcore.transient.summary import summarise
 from fivcore.transient.until import Watch
 
-# Runs under way at once: their segments and records are in memory together.
-AT_ONCE = 32
 METHODS: dict[str, Any] = {"fast": FastRun, "exact": ExactRun, "paper": PaperRun}
 
 
@@ -135,30 +133,13 @@ def located(error: SceneError, scene: Scene) -> SceneError:
     return type(error)(f"{error}; scene {text}{rig}", scene).with_traceback(error.__traceback__)
 
 
-def drive(requests: list[tuple[Scene, Normalised, Options]]) -> list[Transient | SceneError]:
-    """Take runs of one method from start to end; return the result of each, or the error that it ends with."""
-    results: list[Any] = [None] * len(requests)
-    waiting, jobs = list(range(len(requests))), dict[int, Job]()
-    # These may raise while they advance: each is advanced by itself, so that the others go on.
-    alone = any(options.method != "fast" for _, _, options in requests)
-    while waiting or jobs:
-        if jobs and not alone:
-            FastRun.advance([job.run for job in jobs.values()])
-        free = AT_ONCE - len(jobs)
-        started, waiting = waiting[:free], waiting[free:]
-        for k in [*jobs, *started]:
-            try:
-                if k in started:
-                    jobs[k] = Job(*requests[k])
-                    continue
-                run = jobs[k].run
-                if alone:
-                    run.advance([run])
-                jobs[k].observe()
-                if not run.done:
-                    continue
-                results[k] = jobs[k].result()
-            except SceneError as error:
-                results[k] = located(error, requests[k][0])
-            jobs.pop(k, None)
-    return results
+def drive(scene: Scene, normalised: Normalised, options: Options) -> Transient | SceneError:
+    """Take a run from start to end; return its result, or the error that it ends with."""
+    try:
+        job = Job(scene, normalised, options)
+        while not job.run.done:
+            job.run.advance()
+            job.observe()
+        return job.result()
+    except SceneError as error:
+        return located(error, scene)

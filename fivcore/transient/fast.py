@@ -2,15 +2,13 @@
 
 `FastRun` keeps the state of one scene and decides what its next segment is: the ramp, the motion to the first
 slip, the onset with a finer model (`transient.onset`), the motion after it, and steady sliding once it is proved
-(`transient.steady`). `FastRun.advance` takes many runs through a segment each in one call of the kernel.
+(`transient.steady`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from functools import lru_cache
+from collections.abc import Iterable, Iterator
 from itertools import chain
-from typing import Any
 
 import numpy as np
 
@@ -38,7 +36,7 @@ from fivcore.transient.statistics import (
     room_for_sticks,
 )
 from fivcore.transient.steady import NEAR, SteadySliding, steady_sliding
-from fivcore.transient.stick_skip import SkipTables, skip_tables, workspace_for
+from fivcore.transient.stick_skip import NONE, skip_tables, workspace_for
 
 # Segments, s: where motion may settle, which is examined after each, and elsewhere.
 SHORT_SEGMENT, LONG_SEGMENT = 0.04, 0.25
@@ -95,9 +93,9 @@ class FastRun:
         self._until = 0
         self.segments: Iterable[Segment] = ()
         self.record = options.record_of(scene, at.SCENE)
-        self._tables: SkipTables | None = None
+        self._tables = NONE
         self._solver = self._coarse = frozen_solver(model, scene.mu, self.step)
-        self.blocks = self._solver.blocks.copy()
+        self.blocks = aligned(self._solver.blocks)
         self._start(options.initial)
 
     # State.
@@ -149,7 +147,7 @@ class FastRun:
         for name in [name for name, _ in FIELDS] + ["contact", "u_N", "u_T", "anchor", "now", "settle"]:
             self.record[name] = old[name]
         record = self.record
-        self._solver, self.blocks = solver, solver.blocks.copy()
+        self._solver, self.blocks = solver, aligned(solver.blocks)
         record["speed"], record["ramp"] = self.scene.speed_per_load, self._ramp
         record["acceleration"] = self.scene.speed_per_load / self._ramp if self._ramp > 0.0 else 0.0
         settled = float(record["settled_from"][0])
@@ -183,46 +181,27 @@ class FastRun:
         """Whether the run has come to its end."""
         return self.now >= self.steps
 
-    @staticmethod
-    def advance(runs: Sequence[FastRun]) -> None:
-        """Take every run to the end of its next segment and leave in `segments` what it did there."""
-        for run in runs:
-            run._plan()
-        scenes = np.concatenate([run.record.view(np.uint8) for run in runs]).view(at.SCENE)
-        begun = scenes["now"].copy()
-        packed, scenes["skip_at"] = _joined(tuple(run._tables for run in runs))
-        sizes = [run.blocks.size for run in runs]
-        scenes["modes_at"] = np.cumsum(sizes) - sizes
-        modes = aligned(sum(sizes))
-        modes[:] = np.concatenate([run.blocks.ravel() for run in runs])
-        samples, rows = (
-            np.empty((_reserve(scenes, name, every), width))
-            for name, every, width in (("samples", "sample_every", SAMPLE), ("rows", "row_every", 6))
-        )
-        scenes["sticks_at"] = np.cumsum(scenes["stick_room"]) - scenes["stick_room"]
-        sticks = np.empty((int(scenes["stick_room"].sum()), 2))
-        workspace = workspace_for([run._tables for run in runs if run._tables is not None])
-        advance(scenes, *at.lanes_for(scenes), modes, samples, rows, sticks, packed, workspace)
-        for k, run in enumerate(runs):
-            scene, own_modes = scenes[k], int(scenes["modes_at"][k])
-            run.blocks = modes[own_modes : own_modes + run.blocks.size].reshape(run.blocks.shape).copy()
-            run.record = scenes[k : k + 1].copy()
-            own, written, ended = (
-                part[scene[f"{name}_at"] :][: scene[name]]
-                for name, part in (("samples", samples), ("rows", rows), ("sticks", sticks))
-            )
-            every = int(scene["sample_every"])
-            t = (np.arange(-(-begun[k] // every), -(-begun[k] // every) + len(own)) * every + 0.5) * scene["step"]
-            segment = Segment(t, own, ended.copy(), written)
-            run.segments = [segment]
-            run._conclude(segment)
+    def advance(self) -> None:
+        """Go on to the end of the next segment and leave in `segments` what happened there."""
+        self._plan()
+        scene = self.record[0]
+        begun, last, every = int(scene["now"]), int(scene["last"]), int(scene["sample_every"])
+        samples = np.empty((count_in(begun, last, every), SAMPLE))
+        rows = np.empty((count_in(begun, last, int(scene["row_every"])), 6))
+        sticks, modes = np.empty((int(scene["stick_room"]), 2)), self.blocks.ravel()
+        advance(self.record, modes, samples, rows, sticks, self._tables, workspace_for(self._tables))
+        first, count = -(-begun // every), int(scene["samples"])
+        t = (np.arange(first, first + count) * every + 0.5) * self._solver.step
+        segment = Segment(t, samples[:count], sticks[: int(scene["sticks"])], rows[: int(scene["rows"])])
+        self.segments = [segment]
+        self._conclude(segment)
 
     def _plan(self) -> None:
         """Decide where the next segment ends and what ends it before."""
         record, solver = self.record, self._solver
         finer = onset.FINER if self._onset_ends else 1
         every, rows = self._sample_every * finer, self._row_every * finer
-        now, threshold, self._tables = int(record["now"][0]), np.inf, None
+        now, threshold, self._tables = int(record["now"][0]), np.inf, NONE
         # No skip crosses a multiple of this; segments end there, so that recording changes nothing.
         grid = at.MAX_SKIP * every
         if self._onset_ends:
@@ -245,7 +224,8 @@ class FastRun:
         record["last"], record["threshold"] = last, threshold
         record["sample_every"], record["next_sample"] = every, -(-now // every) * every
         record["row_every"], record["next_row"] = rows, -(-now // rows) * rows if rows else at.NEVER
-        if self._tables is None:
+        record["may_skip"] = self._tables is not NONE
+        if self._tables is NONE:
             record["next_skip"] = at.NEVER
         elif record["contact"] == STICK:
             # Where a sample is due.
@@ -426,25 +406,10 @@ def _move(model: ReducedModel, q: Array, v: Array, time: float) -> tuple[Array, 
     return a * q + b * v, c * q + d * v
 
 
-def aligned(count: int) -> Array:
-    """Numbers none of whose blocks lie across lines of the processor's cache."""
-    buffer = np.empty(count + 8)
+def aligned(blocks: Array) -> Array:
+    """Copy blocks so that no register's worth of them lies across lines of the processor's cache."""
+    buffer = np.empty(blocks.size + 8)
     start = -buffer.ctypes.data % 64 // 8
-    return buffer[start : start + count]
-
-
-def _reserve(scenes: Any, name: str, every: str) -> int:
-    """Give each scene its place among what is sampled or recorded; how many places there are in all."""
-    counts = [count_in(*part) for part in zip(scenes["now"], scenes["last"], scenes[every], strict=True)]
-    scenes[f"{name}_at"] = np.cumsum(counts) - counts
-    return sum(counts)
-
-
-@lru_cache(maxsize=8)
-def _joined(tables: tuple[SkipTables | None, ...]) -> tuple[Array, Array]:
-    """The tables of several runs in one array, and where each begins; -1 for none."""
-    own = dict.fromkeys(part for part in tables if part is not None)
-    ends = np.cumsum([0, *(len(part.packed) for part in own)])
-    places = dict(zip(own, ends[:-1].tolist(), strict=True))
-    packed = np.concatenate([np.zeros(0), *(part.packed for part in own)])
-    return packed, np.array([-1 if part is None else places[part] for part in tables])
+    own: Array = buffer[start : start + blocks.size].reshape(blocks.shape)
+    own[:] = blocks
+    return own

@@ -39,34 +39,37 @@ class Solver:
         # Of the unit load impulses see what they see of a contact force.
         gap_N, gap_T = (float(gap @ model.rest) for gap in gaps)
         self.at_rest = float(impulse.defect[0, 0]) - gap_N, gap_T - float(impulse.defect[1, 0])
-        # Modes come in eights, so that vector registers are full.
-        self.size = -(-len(model.rest) // 8) * 8
+        # Modes come in fours, so that vector registers are full.
+        self.size = -(-len(model.rest) // 4) * 4
         self.blocks = np.zeros((-(-self.size // at.BLOCK), at.BLOCK_ROWS, at.BLOCK))
         rows = (at.A, at.B, at.C, at.D, at.NORMAL, at.TANGENTIAL, at.POINT_B, at.DAMPING)
         flow = propagator(model.stiffness, model.damping, step)
         for row, values in zip(rows, (*flow, *gaps, model.point_b, model.damping), strict=True):
             put(self.blocks, row, values)
         self.record = record = np.zeros(1, at.SCENE)
-        law = {"relax": maps.separation, "ahead": maps.slip[0], "back": maps.slip[1], "M": impulse.delassus[lower]}
-        law |= {"K": impulse.stiffness[lower], "B": 0.5 * np.array([model.point_b @ gap for gap in gaps])}
-        # In slip u_T has a rate of its own, which varies over the step.
-        law["C"] = np.append(self.dissipation[lower], impulse.damping[1, 1] * maps.square_ratio)
-        for regime, values in law.items():
-            fields = [name for name in at.SCENE.names or () if name.startswith(f"{regime}_") and len(name) <= 8]
-            record[fields] = tuple(values.ravel())
         # In rigid contact half the force of lasting contact is what an impact needs.
-        share = 1.0 if element else 0.5
-        before = {
-            SEPARATION: (*maps.closure.flat, maps.closure_offset, share),
-            STICK: (*maps.stick.flat, maps.mean_offset, 1.0),
-            SLIP: (*maps.entering.flat, maps.mean_offset, 1.0),
-        }
-        for state, numbers in before.items():
-            record[[f"{name}_{state}" for name in at.STICK_LAW]] = numbers
-        record["mu"], record["step"], record["per_step"] = mu, step, 1.0 / step
-        record["rigid"] = not element
+        closure = (*maps.closure.flat, maps.closure_offset, 1.0 if element else 0.5)
+        stick, entering = ((*law.flat, maps.mean_offset, 1.0) for law in (maps.stick, maps.entering))
+        for status, law in {SEPARATION: closure, STICK: stick, SLIP: entering}.items():
+            record["stick_law"][0, status] = law
+        # What an impulse gives the gaps and their rates over a step.
+        for name, row in (("after_q", flow[1]), ("after_v", flow[3])):
+            record[name] = ((gaps * row) @ gaps.T)[lower]
+        for name, values in (
+            ("slip_law", maps.slip.reshape(2, 6)),
+            ("relax", maps.separation.ravel()),
+            ("M", impulse.delassus[lower]),
+            ("K", impulse.stiffness[lower]),
+            # In slip u_T has a rate of its own, which varies over the step.
+            ("C", np.append(self.dissipation[lower], impulse.damping[1, 1] * maps.square_ratio)),
+            ("point_B", 0.5 * np.array([model.point_b @ gap for gap in gaps])),
+            ("mu", mu),
+            ("step", step),
+            ("rigid", not element),
+        ):
+            record[name] = values
         record["modes"], record["blocks"] = self.size, len(self.blocks)
-        record["skip_at"], record["next_skip"], record["changed_in"] = -1, at.NEVER, -1
+        record["next_skip"] = at.NEVER
 
     def between_impulses(self, force: Array) -> Array:
         """How much further a steady contact force in impulses deflects the modes, midway between two of them."""

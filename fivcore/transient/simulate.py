@@ -174,7 +174,7 @@ def simulate_many(
         checked = options_for(scene, normalised, options)
         rig = published.with_numerical_damping(scene.rig, checked.method, checked.numerical_damping)
         requests.append((scene, replace(normalised, rig=rig), checked))
-    return drive(requests)
+    return [drive(*request) for request in requests]
 
 
 def painleve_mu(

@@ -28,8 +28,8 @@ ENERGIES = ("work", "damped", "friction", "termination", "impact")
 # Those that change in every step.
 COUNTED = (*(name for name in SETTLED if name != "switches"), *(name for name in ENERGIES if name != "damped"))
 FIELDS = [(name, "f8") for name in (*EVENTS, *SETTLED, *ENERGIES)]
-# Begin of the list of long sticks, their number, and the number that it has room for.
-FIELDS += [(name, "i8") for name in ("sticks_at", "sticks", "stick_room")]
+# Number of long sticks in the list, and the number that it has room for.
+FIELDS += [(name, "i8") for name in ("sticks", "stick_room")]
 # Columns of a sample: velocity of B, slip rate, N, and these counters after that step.
 SAMPLED_COUNTERS = ("stick_time", "separation_time", "sum_N", "switches")
 SAMPLE = 3 + len(SAMPLED_COUNTERS)
@@ -88,7 +88,7 @@ def count_step(run: Any, contact: int, N: float, speed: float, weight: float) ->
 def enter(run: Any, was: int, contact: int, t: float) -> bool:
     """Count a change of the contact state at time t; return whether the caller has a long stick to list.
 
-    Its row is `run.sticks_at + run.sticks - 1`, from `run.last_stick` to t. Given the array, this function would
+    Its row is `run.sticks - 1`, from `run.last_stick` to t. Given the array, this function would
     count references at each call.
     """
     run.switches += 1.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -51,24 +50,22 @@ class SteppedRun:
         """Time up to which the run has come, s."""
         return float(self.record["now"][0]) * self.step
 
-    @staticmethod
-    def advance(runs: Sequence[SteppedRun]) -> None:
-        """Take every run to the end of its next segment and leave its samples, rows and sticks in `segments`."""
-        for run in runs:
-            record, step, now = run.record, run.step, int(run.record["now"][0])
-            last = min(now + run._length, run.pause, run._cut if now < run._cut else run.steps)
-            every = int(record["sample_every"][0])
-            samples = np.empty((count_in(now, last, every), SAMPLE))
-            rows = np.empty((count_in(now, last, int(record["row_every"][0])), 6))
-            # A step of "exact" may hold more than one event.
-            room = room_for_sticks(now * step, last * step, float(record["least_stick"][0]), min(step, 1e-7))
-            sticks = np.empty((room, 2))
-            record["samples"] = record["rows"] = record["sticks"] = 0
-            record["stick_room"] = room
-            run._take(now, last, samples, rows, sticks)
-            record["now"] = last
-            t = np.asarray((np.arange(-(-now // every), -(-last // every)) * every + run.READ_AT) * step)
-            run.segments = [Segment(t, samples, sticks[: int(record["sticks"][0])].copy(), rows)]
+    def advance(self) -> None:
+        """Go on to the end of the next segment and leave its samples, rows and sticks in `segments`."""
+        record, step, now = self.record, self.step, int(self.record["now"][0])
+        last = min(now + self._length, self.pause, self._cut if now < self._cut else self.steps)
+        every = int(record["sample_every"][0])
+        samples = np.empty((count_in(now, last, every), SAMPLE))
+        rows = np.empty((count_in(now, last, int(record["row_every"][0])), 6))
+        # A step of "exact" may hold more than one event.
+        room = room_for_sticks(now * step, last * step, float(record["least_stick"][0]), min(step, 1e-7))
+        sticks = np.empty((room, 2))
+        record["samples"] = record["rows"] = record["sticks"] = 0
+        record["stick_room"] = room
+        self._take(now, last, samples, rows, sticks)
+        record["now"] = last
+        t = np.asarray((np.arange(-(-now // every), -(-last // every)) * every + self.READ_AT) * step)
+        self.segments = [Segment(t, samples, sticks[: int(record["sticks"][0])].copy(), rows)]
 
     def released_energy(self) -> float:
         """Decrease of the stored energy since the start, normalised."""
