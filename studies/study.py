@@ -227,7 +227,6 @@ class Study:
             derive=partial(finish, self.derive, self.dims, about),
             # The modes of P1, of a rig and of an inclination are computed once for neighbours.
             order_by=() if draws or columns else tuple(name for name in axes if name not in ("V", "mu", "F")),
-            batch_multiple=scenes.BATCH_MULTIPLE if "scenes" in self.takes else 1,
             request={"fixed": about},
         )
 

@@ -405,7 +405,6 @@ class Declaration:
     derive: Callable[[xr.Dataset], xr.Dataset] | None = None
     scale: Callable[[Points], Mapping[str, Any]] | None = None
     order_by: tuple[str, ...] = ()
-    batch_multiple: int = 1
     request: Mapping[str, Any] = field(default_factory=dict)
     remark: str = ""
     rerun: Callable[[Mapping[str, Any]], str] | None = None
@@ -438,8 +437,6 @@ class Declaration:
                 raise InputError(f"{who} variable {name!r} has the scale {scale!r}; the sweep needs scale")
         for name in (each for each in self.order_by if each not in self.grid.axes):
             raise InputError(f"{who} order_by names {name!r}: it must be one of {', '.join(self.grid.axes)}")
-        if not (isinstance(self.batch_multiple, int) and self.batch_multiple >= 1):
-            raise InputError(f"{who} batch_multiple = {self.batch_multiple!r}: it must be an integer, 1 or above")
 
     @property
     def stored(self) -> dict[str, Variable]:

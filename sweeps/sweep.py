@@ -62,9 +62,8 @@ class Sweep(Declaration):
     scale : callable, optional
         `scale(points)` returns factors by name; a variable that names one in its `scale` is multiplied by it at
         each point, so that one computation serves points that differ in size only.
-    order_by, batch_multiple : sequence of str, int
-        Axes whose change is costly: a batch has neighbours along the others first. Number of points that the
-        function computes at little more than the cost of one.
+    order_by : sequence of str, optional
+        Axes whose change is costly: a batch has neighbours along the others first.
     request : mapping
         The request from which the constants follow, as JSON represents it; part of the file's configuration.
     rerun : callable, optional

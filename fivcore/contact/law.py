@@ -45,7 +45,7 @@ class StatusMaps(NamedTuple):
 
 
 def status_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> StatusMaps:
-    """Write each contact status as linear maps for one step of `transient.fast_kernel`, symmetric in time.
+    """Write each contact status as linear maps for one step of `transient.fast.kernel`, symmetric in time.
 
     Positions are held over the impulse, and velocities enter by their mean, which makes the dashpot implicit in
     closed form; u_T in slip and u in separation relax exactly.

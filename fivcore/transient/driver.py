@@ -17,7 +17,7 @@ from fivcore.errors import DivergenceError, SceneError
 from fivcore.jit import Array
 from fivcore.rig import Rig, Scene, html_table
 from fivcore.transient.exact import ExactRun
-from fivcore.transient.fast import FastRun
+from fivcore.transient.fast.run import FastRun
 from fivcore.transient.normalised import Normalised, energies
 from fivcore.transient.observe import Observer, Record
 from fivcore.transient.options import Options

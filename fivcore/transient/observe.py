@@ -235,9 +235,11 @@ class Largest:
         self._seen, self._due, self._every, self._limit, self._kept = 0, FIRST, 1, 0.0, 0
         self._values, self._numbers = [np.empty(0)], [np.empty(0, dtype=np.int64)]
         self._thinned, self._filled = [np.empty(0)], (0.0, 0)
+        self._ranks: tuple[Array, Array] | None = None
 
     def add(self, magnitudes: Array) -> None:
         """Take the next magnitudes, (n,)."""
+        self._ranks = None
         while len(magnitudes):
             count = self._due - self._seen
             part, magnitudes = magnitudes[:count], magnitudes[count:]
@@ -264,7 +266,19 @@ class Largest:
 
     def repeat(self, magnitude: float, count: int) -> None:
         """Take one magnitude `count` times, after all others."""
-        self._filled = magnitude, count
+        self._filled, self._ranks = (magnitude, count), None
+
+    def _ranked(self) -> tuple[Array, Array]:
+        """The magnitudes that are kept, largest first, and how many each and all before it count for."""
+        if self._ranks is None:
+            kept, others = self._joined()[0], np.concatenate(self._thinned)
+            others = others[others <= self._limit]
+            each = (self._seen - len(kept)) / max(len(others), 1)
+            values = np.concatenate([kept, others, self._filled[:1]])
+            weights = np.repeat([1.0, each, self._filled[1]], [len(kept), len(others), 1])
+            order = np.argsort(-values)
+            self._ranks = values[order], np.cumsum(weights[order])
+        return self._ranks
 
     def _joined(self) -> tuple[Array, NDArray[np.int64]]:
         """All magnitudes that are kept, and their numbers."""
@@ -279,19 +293,14 @@ class Largest:
 
     def quantile(self, share: float) -> float:
         """Value below which a share of all lies, linear between two magnitudes; NaN where there is none."""
-        magnitude, count = self._filled
+        count = self._filled[1]
         if not self._seen + count:
             return float("nan")
-        kept, others = self._joined()[0], np.concatenate(self._thinned)
-        others = others[others <= self._limit]
-        each = (self._seen - len(kept)) / max(len(others), 1)
-        values = np.r_[kept, others, magnitude]
-        weights = np.repeat([1.0, each, count], [len(kept), len(others), 1])
-        order = np.argsort(-values)
+        values, counts = self._ranked()
         place = (1.0 - share) * (self._seen + count - 1)
         # The magnitudes of two places, counted from the largest one on.
-        ends = np.searchsorted(np.cumsum(weights[order]), [np.floor(place), np.floor(place) + 1.0], side="right")
-        high, low = values[order][np.minimum(ends, len(order) - 1)]
+        ends = np.searchsorted(counts, [np.floor(place), np.floor(place) + 1.0], side="right")
+        high, low = values[np.minimum(ends, len(values) - 1)]
         return float(high + (place % 1.0) * (low - high))
 
     def above(self, level: float, blocks: int) -> Array:
@@ -356,6 +365,7 @@ class Observer:
         self._starts, self._means = [np.empty((0, VELOCITY))], [np.empty((0, 4))]
         # Number of samples that wait in the buffer, and what `_gather` knows of the block that is open.
         self._waiting, self._open = 0, np.zeros(6)
+        self._blocks: Array | None = None
         # Of the samples that were filled in: number, time before the first, and one of them.
         self._filled, self._since, self._sample = 0, 0.0, np.zeros(3)
 
@@ -363,7 +373,7 @@ class Observer:
         """Take the next `samples` (n, SAMPLE) at times t (n,). If `settled_from` has moved, all begins anew."""
         if settled_from != self._settled_from:
             self._reset(settled_from)
-        self._seen += len(t)
+        self._seen, self._blocks = self._seen + len(t), None
         first = int(np.searchsorted(t, settled_from))
         t, samples = t[first:], samples[first:]
         begun = slice(-int(self._open[5]) % BLOCK, None, BLOCK)
@@ -423,11 +433,14 @@ class Observer:
     @property
     def blocks(self) -> Array:
         """Means over all complete blocks, (n, 9)."""
+        if self._blocks is not None:
+            return self._blocks
         self._starts, self._means = [np.concatenate(self._starts)], [np.concatenate(self._means)]
         (starts,), (means,) = self._starts, self._means
         rates = np.diff(starts[:, 1:], axis=0) / np.diff(starts[:, :1], axis=0)
         values = np.column_stack([starts[: len(means), 0], rates, means])
         values[(values[:, STICK] != 0.0) | (values[:, SEPARATION] != 0.0), LEAST:] = -np.inf, np.inf
+        self._blocks = values
         return values
 
     def shares(self) -> Array:

@@ -71,7 +71,7 @@ def simulate(
         Displacements and velocities of all modes, contact state. Default: at rest under the load, T = 0, stuck.
     cutoff : float, optional
         Highest frequency of a mode, Hz; not for "paper", which keeps all. Default: 94 kHz for the paper's rig
-        (`contact.reduced.default_cutoff`), with more for the onset (`transient.onset`).
+        (`contact.reduced.default_cutoff`), with more for the onset (`transient.fast.onset`).
     step : float, optional
         Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1.7e-6 with the default rig);
         for "exact" only the grid on which statistics are taken, 1e-6.
@@ -89,10 +89,10 @@ def simulate(
         step before; beyond the first and the last step their values.
     end_early : bool
         For "fast": fill in the rest of the run where steady sliding is proved to last
-        (`transient.steady`), which changes figures by some 1e-9 of their size.
+        (`transient.fast.steady`), which changes figures by some 1e-9 of their size.
     leap : bool
         For "fast": skip the quiet part of long sticks, known in closed form
-        (`transient.stick_skip`). The motion differs by rounding, which chaos amplifies; in a skip the normal force
+        (`transient.fast.skip`). The motion differs by rounding, which chaos amplifies; in a skip the normal force
         enters its maximum every 20 microseconds.
     modify : callable, optional
         For "fast" and "exact": a function that takes a `contact.reduced.ReducedModel` and returns a changed one,

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from fivcore import checks
-from fivcore.transient.fast_scene import MAX_SKIP
+from fivcore.transient.fast.data import MAX_SKIP
+from fivcore.transient.fast.steady import NEAR
 from fivcore.transient.normalised import loading_time
 from fivcore.transient.observe import LOADING_TIMES, Observer, degrees_of_freedom, errors_of_means
-from fivcore.transient.steady import NEAR
 from fivcore.transient.summary import SLIP_DRIVE, STEADY_SPREAD
 
 # Each check is later than the last by this factor of the time since settling.

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from fivcore import Scene, Transient
 from fivcore.contact.reduced import reduced_model
+from fivcore.transient.fast.steady import steady_sliding
 from fivcore.transient.published import with_numerical_damping
-from fivcore.transient.steady import steady_sliding
 from studies import labels, paper, summary
 from studies.claims import Claim, is_papers_rig
 from studies.motion import ensemble, regimes, run

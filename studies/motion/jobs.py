@@ -1,4 +1,4 @@
-"""Runs that studies need: a flat list of them, simulated side by side, and the values of a sweep's points."""
+"""Runs that studies need: a flat list of them, and the values of a sweep's points."""
 
 from __future__ import annotations
 
@@ -12,9 +12,6 @@ import numpy as np
 from fivcore import Scene, Transient, Until, simulate_many
 from fivcore.errors import SceneError
 from fivcore.transient.driver import located
-
-# Options that `fivcore.simulate_many` takes one for each scene.
-PER_SCENE = ("ramp", "settle", "initial", "numerical_damping")
 
 # Largest `energy_residual` of a run that counts. "fast": what landing within a step leaves; 0.042 was the largest
 # of 1440 runs on the paper's rig and on rigs drawn at random. "exact": rounding, below 1e-9. "paper": its own
@@ -30,8 +27,7 @@ class BalanceError(SceneError):
 class Job:
     """One run to be simulated, for `duration` seconds or until its statistics are certain enough.
 
-    `options` are further arguments of `fivcore.simulate`, `method` among them; values are hashable or arrays, or
-    PER_SCENE.
+    `options` are further arguments of `fivcore.simulate`, `method` among them.
     """
 
     scene: Scene
@@ -40,23 +36,8 @@ class Job:
 
 
 def run_all(jobs: Sequence[Job]) -> list[Transient | SceneError]:
-    """Run each job: its `Transient`, or the `SceneError` of its scene; a bad argument raises `ValueError`.
-
-    Those whose options differ at most in PER_SCENE are simulated side by side.
-    """
-    groups: dict[Any, list[int]] = {}
-    for place, job in enumerate(jobs):
-        shared = {name: None if name in PER_SCENE else value for name, value in job.options.items()}
-        key = frozenset((name, x.tobytes() if isinstance(x, np.ndarray) else x) for name, x in shared.items())
-        groups.setdefault(key, []).append(place)
-    results: dict[int, Any] = {}
-    for places in groups.values():
-        group = [jobs[place] for place in places]
-        options = dict(group[0].options)
-        options |= {name: [job.options[name] for job in group] for name in PER_SCENE if name in options}
-        runs = simulate_many([job.scene for job in group], [job.duration for job in group], **options)
-        results.update(zip(places, runs, strict=True))
-    return [results[place] for place in range(len(jobs))]
+    """Run each job: its `Transient`, or the `SceneError` of its scene; a bad argument raises `ValueError`."""
+    return [simulate_many([job.scene], job.duration, **job.options)[0] for job in jobs]
 
 
 def balanced(job: Job, result: Transient | SceneError) -> Transient | SceneError:

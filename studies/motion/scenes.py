@@ -17,9 +17,6 @@ from fivcore.transient.normalised import Normalised
 from studies.parameters import RIG, SCENE
 from sweeps import InputError
 
-# "fast" advances two vector registers of eight scenes together: a multiple of 16 leaves no place empty.
-BATCH_MULTIPLE = 16
-
 
 def rig_of(numbers: Mapping[str, Any]) -> Rig:
     """The rig of one value of each of its parameters; those that are missing are the paper's."""

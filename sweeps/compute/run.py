@@ -135,7 +135,7 @@ class _Run:
             self.writer = PartWriter(store.parts, plan.manifest.variables, plan.manifest.token, last)
         self.monitor = Monitor(plan.todo, progress, None if store is None else store.progress)
         row = sum(map(plan.manifest.row_bytes, plan.manifest.variables)) + ROW_BYTES
-        self.sizes = BatchSizes(row, plan.sweep.batch_multiple)
+        self.sizes = BatchSizes(row)
         # Plain values: a signal's handler counts, and must not wait for a lock.
         self._waiting = False
         self.interrupts, self.failure, self.common_error = 0, "", ""
@@ -224,7 +224,7 @@ class _Run:
     def _loop(self, due: NDArray[np.bool_], executor: Any, window: int) -> None:
         queue = Queue(self.plan.manifest.grid, due, self.plan.sweep.order_by)
         if self._first is None:
-            self._first = queue.take_spread(self.sizes.least)
+            self._first = queue.take_spread()
             self._submit(executor, self._first)
         while (queue.left or self._suspects or self._submitted) and not self._stopped():
             if self._suspects and not queue.left and not self._submitted:

@@ -29,9 +29,8 @@ PLACES = 3
 class BatchSizes:
     """Chooses the size of each batch from the time of finished ones and the memory that a point's results take."""
 
-    def __init__(self, row_bytes: float = 0.0, multiple: int = 1) -> None:
+    def __init__(self, row_bytes: float = 0.0) -> None:
         self._room = max(1.0, BATCH_BYTES / row_bytes) if row_bytes > 0.0 else math.inf
-        self.least = int(min(float(multiple), self._room))
         self._largest = 0
         self._seconds: deque[float] = deque(maxlen=REMEMBERED)
 
@@ -43,12 +42,12 @@ class BatchSizes:
     def next(self, left: int, workers: int) -> int:
         """Size of the next batch, of `left` points that remain for so many workers."""
         if not self._seconds:
-            return min(self.least, left)
+            return min(1, left)
         # The median, since the first batch of each worker may include compilation.
         seconds = max(median(self._seconds), TINY)
         longest = max(BATCH_SECONDS, WORKER_SECONDS * workers) / seconds
         share = max(SHORTEST / seconds, math.ceil(LAST_SHARE * left / workers))
-        return int(min(left, max(self.least, min(longest, share, self._room, GROWTH * self._largest))))
+        return int(min(left, max(1, min(longest, share, self._room, GROWTH * self._largest))))
 
 
 class Queue:
@@ -68,14 +67,12 @@ class Queue:
         self.left -= len(taken)
         return taken
 
-    def take_spread(self, count: int) -> NDArray[np.intp]:
-        """At least `count` points from PLACES places; before any other is taken."""
-        each = -(-count // PLACES)
-        if self.left <= PLACES * each:
+    def take_spread(self) -> NDArray[np.intp]:
+        """One point from each of PLACES places; before any other is taken."""
+        if self.left <= PLACES:
             return self.take(self.left)
         points = np.flatnonzero(self._due)
-        begins = np.linspace(0, self.left - each, PLACES).astype(int)
-        taken = np.unique(points[begins[:, None] + np.arange(each)])
+        taken = np.unique(points[np.linspace(0, self.left - 1, PLACES).astype(int)])
         self._due[taken] = False
         self.left -= len(taken)
         return taken

@@ -334,7 +334,7 @@ def timed(plan: PlanData) -> float:
     seconds, spent, due = math.nan if plan.todo else 0.0, 0.0, np.flatnonzero(plan.due)
     # Spread over the work, since costs may differ from end to end.
     for number, (count, place) in enumerate(zip(SIZES, PLACES, strict=True)):
-        points = due[int(place * plan.todo) :][: count * plan.sweep.batch_multiple]
+        points = due[int(place * plan.todo) :][:count]
         if not len(points) or spent > SECONDS:
             break
         result = plan.task.compute(plan.manifest.grid.points(points))

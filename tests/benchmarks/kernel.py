@@ -1,8 +1,8 @@
 """What bounds the steps of `method="fast"`.
 
 The peak is what multiply-adds that need nothing but registers reach on one core, in this run. Beside it: the modes
-alone, which is what a step would cost if contact, counting and samples were free; and whole steps, of scenes side
-by side and of one alone. Then what compiling costs where nothing has been compiled yet.
+alone, which is what a step would cost if contact, counting and samples were free; and whole steps. Then what
+compiling costs where nothing has been compiled yet.
 """
 
 from __future__ import annotations
@@ -22,17 +22,16 @@ import numpy as np
 from fivcore import Rig, Scene
 from fivcore.contact.reduced import reduced_model
 from fivcore.jit import kernel, reordered_call
-from fivcore.transient import fast_scene as at
-from fivcore.transient.driver import AT_ONCE
-from fivcore.transient.fast import aligned
-from fivcore.transient.fast_kernel import apply_impulse
-from fivcore.transient.fast_solver import frozen_solver
+from fivcore.transient.fast import data as at
+from fivcore.transient.fast.kernel import move
+from fivcore.transient.fast.run import aligned
+from fivcore.transient.fast.solver import frozen_solver
 from tests.benchmarks.tables import Column, Table
-from tests.benchmarks.transient import together
+from tests.benchmarks.transient import seconds
 
 SCENE = Scene(5e-3, 5.0, 0.2, 9.0)
-# Of a mode in a step: multiply-adds and multiplications, as `apply_impulse` has them.
-FUSED, PLAIN = 8, 2
+# Of a mode in a step: multiply-adds and multiplications, as `move` has them.
+FUSED, PLAIN = 9, 3
 # Numbers that are worked on at once: as many as fill the registers of most processors and wait for nothing.
 WIDE = 64
 FIRST = "from fivcore import Scene, simulate; simulate(Scene(5e-3, 5.0, 0.2, 9.0), 0.1)"
@@ -57,7 +56,7 @@ def _modes_alone(blocks: Any, size: int, steps: int) -> float:
     for _ in range(steps):
         for k in range((size + at.BLOCK - 1) // at.BLOCK):
             count = min(left - np.uint64(k) * whole, whole)
-            gN, gT, vN, vT = apply_impulse(blocks, first + np.uint64(k) * room, count, 1e-9, 1e-9)
+            gN, gT, vN, vT = move(blocks, first + np.uint64(k) * room, count, 1e-9, 1e-9)
             total += gN + gT + vN + vT
     return total
 
@@ -80,18 +79,17 @@ def peak() -> float:
 
 
 def modes_alone() -> float:
-    """Seconds per scene and step."""
+    """Seconds per step."""
     model = reduced_model(Rig(), SCENE.theta)
     solver, steps = frozen_solver(model, SCENE.mu, model.default_step), 100_000
-    blocks = aligned(solver.blocks.size)
-    blocks[:] = solver.blocks.ravel()
+    blocks = aligned(solver.blocks).ravel()
     return shortest(lambda: _modes_alone(blocks, solver.size, steps)) / steps
 
 
-def whole(count: int) -> float:
-    """Seconds per scene and step of a sweep, all that Python does included; every step taken."""
+def whole() -> float:
+    """Seconds per step of a run, all that Python does included; every step taken."""
     steps = 2.0 / reduced_model(Rig(), SCENE.theta).default_step
-    return statistics.median(together(SCENE, 2.0, count, leap=False) for _ in range(5)) / steps
+    return statistics.median(seconds(SCENE, 2.0, "fast", leap=False) for _ in range(5)) / steps
 
 
 def first(repeat: int = 3) -> Table:
@@ -118,8 +116,7 @@ def steps() -> Table:
     times = {
         "registers alone": None,
         "modes alone": modes_alone(),
-        f"whole steps, {AT_ONCE} scenes": whole(AT_ONCE),
-        "whole steps, one scene": whole(1),
+        "whole steps": whole(),
     }
     rates = [most if taken is None else operations / taken for taken in times.values()]
     flops = [None if taken is None else operations for taken in times.values()]
@@ -127,7 +124,7 @@ def steps() -> Table:
         [what, taken, count, rate, rate / most]
         for (what, taken), count, rate in zip(times.items(), flops, rates, strict=True)
     ]
-    units = {"what": "", "a scene and step": "s", "flops counted": "", "rate": "flop/s"}
+    units = {"what": "", "a step": "s", "flops counted": "", "rate": "flop/s"}
     return Table([*(Column(*each) for each in units.items()), Column("of the peak", "%", ".0f")], rows)
 
 

@@ -8,10 +8,9 @@ import time
 import numpy as np
 
 from fivcore import Scene, simulate, simulate_many
-from studies.motion.scenes import BATCH_MULTIPLE
 from tests.benchmarks.tables import Column, Table
 
-COUNT = 2 * BATCH_MULTIPLE
+COUNT = 32
 SPEEDS = np.linspace(1e-3, 5e-3, COUNT)
 
 

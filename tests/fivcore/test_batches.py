@@ -1,4 +1,4 @@
-"""Scenes side by side: the same bits in any company, and a scene that fails leaves the others alone."""
+"""Many scenes: the bits of each alone, on threads too, and a scene that fails leaves the others alone."""
 
 import json
 import os
@@ -7,15 +7,11 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from fivcore import ContactError, DivergenceError, Rig, Scene, painleve_mu, simulate, simulate_many
 from fivcore.errors import SceneError
-from fivcore.transient.driver import AT_ONCE
-from fivcore.transient.fast import FastRun
-from fivcore.transient.fast_kernel import FEW
-from fivcore.transient.fast_scene import LANES
+from fivcore.transient.fast.run import FastRun
 from fivcore.transient.normalised import Normalised
 from tests.helpers.runs import assert_same_run
 
@@ -30,16 +26,6 @@ COMPANY = [
 ]
 
 
-@pytest.mark.parametrize("count", [1, 2, FEW, LANES, LANES + 1, AT_ONCE, AT_ONCE + 1, AT_ONCE + 5])
-def test_a_scene_has_the_same_bits_in_any_company(count):
-    alone = simulate(PAPERS, 0.06, record=True, sample_rate=50e3)
-    beside = [COMPANY[(k + count) % len(COMPANY)] for k in range(count - 1)]
-    place = count // 2
-    many = [*beside[:place], PAPERS, *beside[place:]]
-    ramps = [1e-3 if k == place else 1e-3 * (1.0 + 0.1 * k) for k in range(count)]
-    assert_same_run(alone, simulate_many(many, 0.06, ramp=ramps, record=True, sample_rate=50e3)[place])
-
-
 @pytest.mark.parametrize("method", ["fast", "exact", "paper"])
 def test_every_scene_of_a_batch_is_the_scene_alone(method):
     scenes = COMPANY if method == "fast" else COMPANY[:3:2]
@@ -47,17 +33,6 @@ def test_every_scene_of_a_batch_is_the_scene_alone(method):
     for run, scene, duration in zip(simulate_many(scenes, durations, method), scenes, durations, strict=True):
         assert_same_run(run, simulate(scene, duration, method))
     assert simulate_many([], 0.01, method) == []
-
-
-def test_the_order_of_a_batch_does_not_matter():
-    """More scenes than are under way at once; those that wait come in whatever place becomes free."""
-    many = [COMPANY[k % len(COMPANY)] for k in range(AT_ONCE + 8)]
-    durations = [0.02 + 0.002 * (k % 9) for k in range(len(many))]
-    order = np.random.default_rng(0).permutation(len(many))
-    straight = simulate_many(many, durations)
-    mixed = simulate_many([many[k] for k in order], [durations[k] for k in order])
-    for k, run in zip(order, mixed, strict=True):
-        assert_same_run(run, straight[k])
 
 
 def test_a_scene_has_the_same_bits_on_threads():

@@ -10,13 +10,13 @@ from fivcore import Rig, Scene, State, simulate, sliding_modes
 from fivcore.contact.reduced import default_cutoff, full_model, reduced_model
 from fivcore.contact.step_map import step_map
 from fivcore.transient import fast, steady
-from fivcore.transient import fast_scene as at
-from fivcore.transient.fast import FastRun
-from fivcore.transient.fast_solver import take
+from fivcore.transient.fast import data as at
+from fivcore.transient.fast.run import FastRun
+from fivcore.transient.fast.solver import take
+from fivcore.transient.fast.steady import NORMAL, PENETRATION, SLIP_RATE, VELOCITY, steady_sliding
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import SLIP
-from fivcore.transient.steady import NORMAL, PENETRATION, SLIP_RATE, VELOCITY, steady_sliding
 from studies.accuracy.ablation import truncated, with_dashpot
 from tests.helpers.rigs import workshop_rig
 from tests.helpers.runs import SERIES, assert_same_summary
@@ -151,7 +151,7 @@ def recorded_from(run, x, sliding, speed, last):
     run.record["u_N"], run.record["u_T"], run.record["anchor"] = sliding.readings(speed)[PENETRATION], x[-1], 0.0
     run.record["now"], run.steps = 80, last
     while not run.done:
-        FastRun.advance([run])
+        run.advance()
         rows += [segment.rows for segment in run.segments]
     return np.concatenate(rows)[:, [2, 4, 1, 5]]
 

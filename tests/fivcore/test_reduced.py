@@ -15,8 +15,8 @@ from fivcore.contact import step_map
 from fivcore.contact.impulse import SMALL, at_impulses, between_impulses
 from fivcore.contact.reduced import DAMPING, default_cutoff, full_model, modified, reduced_model
 from fivcore.rig import P1, P2
+from fivcore.transient.fast.steady import steady_sliding
 from fivcore.transient.published import STEP, TAU, contact_closing
-from fivcore.transient.steady import steady_sliding
 from studies.accuracy.ablation import truncated, with_dashpot, without_cross_terms
 from studies.accuracy.rigs import drawn_scene
 

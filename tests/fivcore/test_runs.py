@@ -20,12 +20,12 @@ from fivcore import (
 from fivcore.contact.reduced import default_cutoff, full_model, reduced_model
 from fivcore.rig import P1, P2, VALID
 from fivcore.transient import fast
-from fivcore.transient.fast import FastRun
+from fivcore.transient.fast.run import FastRun
+from fivcore.transient.fast.steady import steady_sliding
 from fivcore.transient.normalised import Normalised, loading_time
 from fivcore.transient.options import Options
 from fivcore.transient.published import BETA2
 from fivcore.transient.statistics import SEPARATION, SLIP
-from fivcore.transient.steady import steady_sliding
 from studies.accuracy.rigs import drawn_scene
 from tests.helpers.runs import SERIES, assert_same_run, assert_same_summary
 

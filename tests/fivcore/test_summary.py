@@ -31,7 +31,7 @@ def counted(states, forces=None, speeds=None, settle=None, min_stick=0.02, settl
     for i, state in enumerate(states):
         t, settled_from = (i + 0.5) * STEP, found.settled_from
         if state != was and plainly(enter, found, was, int(state), t):
-            sticks[found.sticks_at + found.sticks - 1] = found.last_stick, t
+            sticks[found.sticks - 1] = found.last_stick, t
         was = state
         if t < found.settled_from or found.settled_from != settled_from:
             plainly(clear, found)

@@ -9,11 +9,12 @@ import numpy as np
 from fivcore import Rig
 from fivcore.beams.modes import propagator
 from fivcore.contact.reduced import ReducedModel
-from fivcore.transient import exact, fast_kernel, published
-from fivcore.transient import fast_scene as at
-from fivcore.transient.fast import aligned
-from fivcore.transient.fast_scene import lanes_for
-from fivcore.transient.fast_solver import Solver, put, take
+from fivcore.transient import exact, published
+from fivcore.transient.fast import data as at
+from fivcore.transient.fast import kernel
+from fivcore.transient.fast.run import aligned
+from fivcore.transient.fast.skip import NONE, workspace_for
+from fivcore.transient.fast.solver import Solver, put, take
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import ENERGIES, SAMPLE, SEPARATION, SLIP, begin, count_in
@@ -84,8 +85,7 @@ class Fast:
         blocks = self.solver.blocks.copy()
         put(blocks, at.Q, x)
         put(blocks, at.V, v)
-        self.modes = aligned(blocks.size)
-        self.modes[:] = blocks.ravel()
+        self.modes = aligned(blocks).ravel()
         fill(record, g_N=normal @ x, g_T=tangential @ x, v_N=normal @ v, v_T=tangential @ v)
         self.first = self.energy()
 
@@ -100,8 +100,8 @@ class Fast:
         fill(record, last=last, next_row=now, row_every=1, stick_room=steps, samples=0, rows=0, sticks=0)
         fill(record, sample_every=SAMPLED, next_sample=-(-now // SAMPLED) * SAMPLED)
         rows, samples = np.empty((steps, 6)), np.empty((count_in(now, last, SAMPLED), SAMPLE))
-        sticks, no_skip = np.empty((steps, 2)), np.empty(0)
-        fast_kernel.advance(record, *lanes_for(record), self.modes, samples, rows, sticks, no_skip, no_skip)
+        sticks = np.empty((steps, 2))
+        kernel.advance(record, self.modes, samples, rows, sticks, NONE, workspace_for(NONE))
         assert (record["now"], record["rows"], record["samples"]) == (last, steps, len(samples))
         return rows
 
@@ -150,7 +150,7 @@ def by_exact(system, duration, step, every=8):
         run = exact.ExactRun(scene, options)
         run._length = every
         while not run.done:
-            exact.ExactRun.advance([run])
+            run.advance()
             rows += [segment.rows for segment in run.segments]
             places.append(run._state_at(run._now)[: len(system.k)] + run.model.rest)
     times = np.minimum(np.arange(1, len(places) + 1) * every, run.steps) * step

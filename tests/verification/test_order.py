@@ -8,10 +8,10 @@ import pytest
 
 from fivcore import Beam, Rig, Scene, simulate, simulate_many, sliding_modes
 from fivcore.beams.modes import lower_basis
-from fivcore.transient import fast_scene as at
 from fivcore.transient.exact import states_at
-from fivcore.transient.fast import FastRun
-from fivcore.transient.fast_solver import take
+from fivcore.transient.fast import data as at
+from fivcore.transient.fast.run import FastRun
+from fivcore.transient.fast.solver import take
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.published import BETA2, STEP
@@ -59,7 +59,7 @@ def fast_state(step, time, modify=None):
     run = FastRun(SCENE, Options(steps * step, modify=modify, step=step, **GIVEN))
     assert run.steps == steps
     while not run.done:
-        FastRun.advance([run])
+        run.advance()
     return take(run.blocks, at.Q, len(run.model.rest)) + run._shift
 
 

@@ -80,7 +80,7 @@ def displaced(scene, start, dt, steps):
     run = PaperRun(Normalised.of(scene), Options(steps * dt, "paper", ramp=2e-5, initial=initial, step=dt))
     assert run.steps == steps
     while not run.done:
-        PaperRun.advance([run])
+        run.advance()
     return run._q
 
 

@@ -55,7 +55,6 @@ BAD = [
     (lambda: pointwise(3), "pointwise: function = 3: it must be a function"),
     (lambda: sweep(rerun="again"), "rerun = 'again': it must be a function"),
     (lambda: sweep(order_by="z"), "order_by names 'z': it must be one of x, y"),
-    (lambda: sweep(batch_multiple=0), "batch_multiple = 0: it must be an integer, 1 or above"),
     (lambda: sweep(code="no_such_package").plan("x.nc"), "code = 'no_such_package': there is no such package"),
     (planned(key=lambda points: [1, 2]), r"shape \(2,\) and type int64 for 6 points"),
     (planned(key=lambda points: points["x"] * np.nan), "key returned NaN"),

@@ -19,7 +19,7 @@ import numpy as np
 from fivcore.contact.reduced import default_cutoff, modified, reduced_model
 from fivcore.errors import ContactError
 from fivcore.jit import Array
-from fivcore.transient.fast_solver import Solver, frozen_solver
+from fivcore.transient.fast.solver import Solver, frozen_solver
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 

@@ -12,7 +12,7 @@ from fivcore.contact.law import status_maps
 from fivcore.contact.reduced import ReducedModel
 from fivcore.errors import not_unique
 from fivcore.jit import Array
-from fivcore.transient import fast_scene as at
+from fivcore.transient.fast import data as at
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 
 

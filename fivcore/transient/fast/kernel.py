@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 
 from fivcore.jit import contracted, inlined, kernel, reordered
-from fivcore.transient import fast_scene as at
+from fivcore.transient.fast import data as at
+from fivcore.transient.fast.skip import skip
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, enter
-from fivcore.transient.stick_skip import skip
 
 # Unsigned numbers are no candidates for an index from the end.
 _A, _B, _C, _D = (np.uint64(row * at.BLOCK) for row in (at.A, at.B, at.C, at.D))
@@ -33,7 +33,7 @@ _BLOCK, _BLOCK_SIZE = np.uint64(at.BLOCK), np.uint64(at.BLOCK_SIZE)
 
 @reordered
 def move(x: Any, first: Any, count: Any, impulse_N: float, impulse_T: float) -> Any:
-    """Add the effect of the last impulse to a block of modes, and move it freely; its gaps and their rates then."""
+    """Add the effect of the last impulse to a block of modes, and move it freely; return its gaps and rates."""
     gN, gT, vN, vT = 0.0, 0.0, 0.0, 0.0
     for j in range(first, first + count):
         normal, tangential = x[j + _NORMAL], x[j + _TANGENTIAL]
@@ -76,9 +76,9 @@ def observe(x: Any, first: Any, count: Any, last_N: float, last_T: float, half_N
 def advance(scenes: Any, modes: Any, samples: Any, rows: Any, sticks: Any, tables: Any, work: Any) -> None:
     """Take a scene to the end of its segment.
 
-    `scenes` (1,) is its record of `fast_scene.SCENE` and `modes` its blocks in a row. `samples` (any, SAMPLE),
+    `scenes` (1,) is its record of `data.SCENE` and `modes` its blocks in a row. `samples` (any, SAMPLE),
     `rows` (any, 6) and `sticks` (any, 2), begin and end, are written as in `statistics.Segment`; `tables` and
-    `work` are those of `stick_skip.skip`.
+    `work` are those of `skip.skip`.
     """
     scene = scenes[0]
     while scene.stopped == 0 and scene.now < scene.last:
@@ -97,6 +97,12 @@ def pause(scene: Any, now: int) -> int:
         return now
     until = min(scene.last, scene.next_skip)
     return min(until, scene.settle) if scene.settle > now else until
+
+
+@contracted
+def added(free: float, by_N: float, impulse_N: float, by_T: float, impulse_T: float) -> float:
+    """Gap or rate with the effect of the last impulse: a pause adds it in the same order, so it changes no bit."""
+    return free + (by_N * impulse_N + by_T * impulse_T)
 
 
 @contracted
@@ -126,10 +132,10 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
             drive = scene.speed
             X = drive * (t - 0.5 * ramp)
         # Gaps and their rates before the impulse. The unit load's share of it comes first.
-        p = scene.p_rest - free_gN - (q_NN * impulse_N + q_NT * impulse_T)
-        gT = free_gT + (scene.T_rest - X) + (q_NT * impulse_N + q_TT * impulse_T)
-        vN = free_vN - M_NN + (v_NN * impulse_N + v_NT * impulse_T)
-        vT = free_vT - (M_NT + drive) + (v_NT * impulse_N + v_TT * impulse_T)
+        p = scene.p_rest - added(free_gN, q_NN, impulse_N, q_NT, impulse_T)
+        gT = added(free_gT, q_NT, impulse_N, q_TT, impulse_T) + (scene.T_rest - X)
+        vN = added(free_vN, v_NN, impulse_N, v_NT, impulse_T) - M_NN
+        vT = added(free_vT, v_NT, impulse_N, v_TT, impulse_T) - (M_NT + drive)
         # The contact law.
         was = contact
         law = np.uint64(was)
@@ -246,7 +252,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
         place = np.uint64(k)
         finish(modes, first + place * _BLOCK_SIZE, min(size - place * _BLOCK, _BLOCK), impulse_N, impulse_T)
     scene.now, scene.contact, scene.u_N, scene.u_T, scene.anchor = now, contact, u_N, u_T, anchor
-    scene.g_N = free_gN + q_NN * impulse_N + q_NT * impulse_T
-    scene.g_T = free_gT + q_NT * impulse_N + q_TT * impulse_T
-    scene.v_N = free_vN + v_NN * impulse_N + v_NT * impulse_T
-    scene.v_T = free_vT + v_NT * impulse_N + v_TT * impulse_T
+    scene.g_N = added(free_gN, q_NN, impulse_N, q_NT, impulse_T)
+    scene.g_T = added(free_gT, q_NT, impulse_N, q_TT, impulse_T)
+    scene.v_N = added(free_vN, v_NN, impulse_N, v_NT, impulse_T)
+    scene.v_T = added(free_vT, v_NT, impulse_N, v_TT, impulse_T)

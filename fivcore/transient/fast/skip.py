@@ -1,6 +1,6 @@
 """Skip the quiet part of a stick, whose motion is known in closed form.
 
-While the contact sticks and the clamp moves at constant speed, a step of `transient.fast_kernel` is an affine map
+While the contact sticks and the clamp moves at constant speed, a step of `transient.fast.kernel` is an affine map
 of x = (q, v), the same whatever mu, V and F: x' = M x + b + c k in the k-th step, because the clamp loads the
 contact evenly. So x is a line in k plus a sum of the eigenvectors of M, each multiplied by its eigenvalue z in a
 step. The outputs N, velocity of B, T and closing of the gap follow at any later step.
@@ -25,7 +25,7 @@ from fivcore.contact.law import status_maps
 from fivcore.contact.reduced import ReducedModel
 from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.jit import Array, kernel, reordered_call
-from fivcore.transient import fast_scene as at
+from fivcore.transient.fast import data as at
 from fivcore.transient.statistics import STICK
 
 # Largest error of the eigenvectors, and smallest |z|, by which outputs of the step before are divided.
@@ -48,7 +48,7 @@ class SkipTables(NamedTuple):
 
     # Outputs and the other rows named above, (13, 2 c).
     values: Array
-    # Bounds of N, T and the closing, (6, c): off a straight line between two samples, and off the line at any time.
+    # Bounds of N, T and the closing, (6, c): off a straight line between two samples; off the line at any time.
     moduli: Array
     # Powers of z at ROUND samples, (2 c, ROUND).
     powers: Array
@@ -209,8 +209,8 @@ def rotate(factors: Any, vector: Any, out: Any) -> None:
 def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any) -> None:
     """Take a scene from a sample to the last one before which stick cannot have ended, if that is farther.
 
-    The scene is a record of `fast_scene.SCENE`; `modes`, `samples` and `rows` are those of
-    `transient.fast_kernel.advance`, `tables` are `SkipTables`, and `work` is a workspace of `workspace_for`.
+    The scene is a record of `data.SCENE`; `modes`, `samples` and `rows` are those of
+    `transient.fast.kernel.advance`, `tables` are `SkipTables`, and `work` is a workspace of `workspace_for`.
     """
     every, now = scene.sample_every, scene.now
     # No skip crosses a multiple of this, where segments begin and end: the motion is independent of them.

@@ -1,13 +1,14 @@
 """`method="fast"`: the reduced model in symmetric impulses and exact moves, second order in the step.
 
 `FastRun` keeps the state of one scene and decides what its next segment is: the ramp, the motion to the first
-slip, the onset with a finer model (`transient.onset`), the motion after it, and steady sliding once it is proved
-(`transient.steady`).
+slip, the onset with a finer model (`transient.fast.onset`), the motion after it, and steady sliding once it is
+proved (`transient.fast.steady`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 from itertools import chain
 
 import numpy as np
@@ -17,10 +18,12 @@ from fivcore.contact.reduced import INTERVAL, ReducedModel, modified, reduced_mo
 from fivcore.contact.step_map import at_most, largest_stable_step, stable
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array
-from fivcore.transient import fast_scene as at
-from fivcore.transient import onset
-from fivcore.transient.fast_kernel import advance
-from fivcore.transient.fast_solver import Solver, frozen_solver, put, take
+from fivcore.transient.fast import data as at
+from fivcore.transient.fast import onset
+from fivcore.transient.fast.kernel import advance
+from fivcore.transient.fast.skip import NONE, skip_tables, workspace_for
+from fivcore.transient.fast.solver import Solver, frozen_solver, put, take
+from fivcore.transient.fast.steady import NEAR, SteadySliding, steady_sliding
 from fivcore.transient.normalised import Normalised, State, displacement, residual_gaps, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import (
@@ -35,8 +38,6 @@ from fivcore.transient.statistics import (
     count_in,
     room_for_sticks,
 )
-from fivcore.transient.steady import NEAR, SteadySliding, steady_sliding
-from fivcore.transient.stick_skip import NONE, skip_tables, workspace_for
 
 # Segments, s: where motion may settle, which is examined after each, and elsewhere.
 SHORT_SEGMENT, LONG_SEGMENT = 0.04, 0.25
@@ -191,7 +192,7 @@ class FastRun:
         sticks, modes = np.empty((int(scene["stick_room"]), 2)), self.blocks.ravel()
         advance(self.record, modes, samples, rows, sticks, self._tables, workspace_for(self._tables))
         first, count = -(-begun // every), int(scene["samples"])
-        t = (np.arange(first, first + count) * every + 0.5) * self._solver.step
+        t = np.asarray((np.arange(first, first + count) * every + 0.5) * self._solver.step)
         segment = Segment(t, samples[:count], sticks[: int(scene["sticks"])], rows[: int(scene["rows"])])
         self.segments = [segment]
         self._conclude(segment)
@@ -402,8 +403,13 @@ class FastRun:
 
 def _move(model: ReducedModel, q: Array, v: Array, time: float) -> tuple[Array, Array]:
     """Free motion of the kept modes over any time, backwards too."""
-    a, b, c, d = propagator(model.stiffness, model.damping, time)
+    a, b, c, d = _flow(model, time)
     return a * q + b * v, c * q + d * v
+
+
+@lru_cache(maxsize=64)
+def _flow(model: ReducedModel, time: float) -> Array:
+    return propagator(model.stiffness, model.damping, time)
 
 
 def aligned(blocks: Array) -> Array:
