@@ -136,14 +136,13 @@ def simulate(
 def simulate_many(
     scenes: Sequence[Scene], duration: Any, method: str = "fast", **options: Any
 ) -> list[Transient | SceneError]:
-    """Simulate scenes together; each has the bits that `simulate` gives it.
+    """Simulate many scenes; each has the bits that `simulate` gives it.
 
     Parameters
     ----------
     scenes : sequence of Scene
     duration : float or Until, or list of them
     method : {"fast", "exact", "paper"}
-        "fast" takes less time for many scenes together.
     **options
         As for `simulate`. A list, as long as `scenes`, gives each scene its own `duration`, `ramp`, `settle`,
         `initial` or `numerical_damping`; other lists belong to all scenes.

@@ -9,8 +9,9 @@ import pytest
 from fivcore import Rig, Scene, State, simulate, sliding_modes
 from fivcore.contact.reduced import default_cutoff, full_model, reduced_model
 from fivcore.contact.step_map import step_map
-from fivcore.transient import fast, steady
 from fivcore.transient.fast import data as at
+from fivcore.transient.fast import run as fast
+from fivcore.transient.fast import steady
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.fast.solver import take
 from fivcore.transient.fast.steady import NORMAL, PENETRATION, SLIP_RATE, VELOCITY, steady_sliding
