@@ -98,8 +98,31 @@ PAPER = {"p1": P1, "p2": P2}
 VALID = 0.0291
 
 
+class Structural:
+    """What a scene is about: a `Rig`, or a `fivcore.Structure` of one's own; the same functions take both."""
+
+    # Normal force at rest for a unit load, and the unit of the times that a run chooses by itself.
+    preload: Any = 1.0
+    time_unit: Any = 1.0
+    d1: float
+    d2: float
+
+    def _repr_html_(self) -> str:
+        raise NotImplementedError
+
+
+def checked_theta(name: str, rig: Any, theta: Any) -> float:
+    """Check a rig with its inclination, degrees, or a structure with theta = 0; return theta."""
+    if not isinstance(rig, Structural):
+        raise InputError(f"{name} = {checks.short(rig)}: it must be a Rig or a Structure")
+    degrees = checks.theta_degrees(theta)
+    if degrees != 0.0 and not isinstance(rig, Rig):
+        raise InputError(f"theta = {degrees:g}: the modes of a Structure have its inclination already; give 0")
+    return degrees
+
+
 @dataclass(frozen=True)
-class Rig:
+class Rig(Structural):
     """Two beams in point contact: P1's tip C rests on P2; P1 rises to its support A, which is free along y.
 
     A bad value is a `ValueError`, naming it and what is allowed.
@@ -240,22 +263,23 @@ class Scene:
         Coefficient of friction.
     F : float
         Load on A along -y, N.
-    rig : Rig
+    rig : Rig or Structure
+        With a `fivcore.Structure`, whose modes have their inclination, theta is 0; V is along its tangential
+        gap, and F is its load.
     """
 
     V: float
     theta: float
     mu: float
     F: float
-    rig: Rig = Rig()
+    rig: Structural = Rig()
 
     def __post_init__(self) -> None:
-        checks.instance("Scene: rig", self.rig, Rig)
         allowed = "a speed of 1e-100 to 1e+100 m/s, of either sign"
         _set(
             self,
             V=checks.number("V", self.V, allowed, lambda x: 1e-100 <= abs(x) <= 1e100),
-            theta=checks.theta_degrees(self.theta),
+            theta=checked_theta("Scene: rig", self.rig, self.theta),
             mu=checks.friction(self.mu),
             F=checks.between("F", self.F, 1e-100, 1e100, "N"),
         )

@@ -22,13 +22,13 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore.beams.elements import axial
-from fivcore.beams.modes import contact_modes, one_blas_thread, residual_flexibility, rig_bases
+from fivcore.beams.modes import one_blas_thread, residual_flexibility
 from fivcore.contact.impulse import Impulse, at_impulses
 from fivcore.contact.law import painleve_mu, ratio
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array, ReadOnlyArrays
-from fivcore.rig import Rig
+from fivcore.rig import Rig, Structural
+from fivcore.structure import structure_of
 
 MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "point_b", "load")
 # Default step of `fast` in units of the contact's own time 1 / omega (with 1.75 the paper's rig balances its
@@ -158,31 +158,26 @@ class ReducedModel(ReadOnlyArrays):
 
 
 @lru_cache(maxsize=64)
-@one_blas_thread()
-def full_model(rig: Rig, theta: float) -> ReducedModel:
-    """Return the finite-element model itself: every mode of both beams, in rigid contact."""
-    stiffness, normal, tangential = contact_modes(rig, theta)
-    upper, lower = rig_bases(rig, theta)
-    n1 = len(upper.stiffness)
-    inertia, point_b, load = np.zeros((3, len(stiffness)))
-    inertia[n1:] = -axial(rig.p2).base_inertia @ lower.shapes[1:, 0]
-    # B lies between two nodes, where the displacement is linear.
-    distance = np.arange(rig.p1.elements + 1) - (1.0 - rig.point_b) * rig.p1.elements
-    point_b[:n1] = np.maximum(1.0 - np.abs(distance), 0.0) @ upper.shapes[:, 0]
-    load[:n1] = -upper.shapes[0, 1]
-    kept, none = np.ones(len(stiffness), dtype=bool), np.zeros((2, 2))
-    damping = rig.d1 + rig.d2 * stiffness
-    return ReducedModel(stiffness, damping, normal, tangential, inertia, point_b, load, kept, none, none)
+def full_model(rig: Structural, theta: float) -> ReducedModel:
+    """Return the structure itself, every mode in rigid contact; loads are in units of the preload."""
+    own = structure_of(rig, theta)
+    kept, none = np.ones(len(own.stiffness), dtype=bool), np.zeros((2, 2))
+    load = own.load / own.preload
+    return ReducedModel(
+        own.stiffness, own.damping, own.normal, own.tangential, own.inertia, own.output, load, kept, none, none
+    )
 
 
-def default_cutoff(rig: Rig) -> float:
+def default_cutoff(rig: Structural) -> float:
     """Cut-off of a reduced model, Hz: `SHARE` of a frequency just below an axial mode of P1.
 
     That is the first above `LEAST_CUTOFF`, but not below the third, 5 c / (4 L), which keeps an impact's reflected
     axial wave. Of large beams less is enough: the frequency at which the bending waves of one of them are four
     thicknesses long, where Euler-Bernoulli theory has ended, replaces `LEAST_CUTOFF` if it is lower. For the
-    paper's rig: 94 kHz.
+    paper's rig: 94 kHz. Of a structure all modes are kept that were computed.
     """
+    if not isinstance(rig, Rig):
+        return 1e3 * float(structure_of(rig, 0.0).frequency[-1])
     speeds = [(beam, float(np.sqrt(beam.young_modulus / beam.density))) for beam in (rig.p1, rig.p2)]
     slender = min(np.pi / (8.0 * np.sqrt(12.0)) * c / beam.thickness for beam, c in speeds)
     below = 0.97 * speeds[0][1] / (4.0 * rig.p1.length)
@@ -191,7 +186,7 @@ def default_cutoff(rig: Rig) -> float:
 
 @lru_cache(maxsize=64)
 @one_blas_thread()
-def reduced_model(rig: Rig, theta: float, cutoff: float | None = None) -> ReducedModel:
+def reduced_model(rig: Structural, theta: float, cutoff: float | None = None) -> ReducedModel:
     """Return the modes below `cutoff`, Hz, by default that of `default_cutoff`, with a residual for the others.
 
     Raises
@@ -199,10 +194,10 @@ def reduced_model(rig: Rig, theta: float, cutoff: float | None = None) -> Reduce
     SceneValueError
         For a cut-off that keeps fewer than three modes.
     """
+    full, all_kept = full_model(rig, theta), cutoff is None and not isinstance(rig, Rig)
     cutoff = default_cutoff(rig) if cutoff is None else cutoff
-    full = full_model(rig, theta)
     kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
-    if kept.sum() < 3:
+    if kept.sum() < 3 and not all_kept:
         lowest = float(np.sqrt(np.sort(full.stiffness)[2])) / (2.0 * np.pi)
         raise SceneValueError(
             f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that three modes of this rig are kept"
@@ -210,7 +205,7 @@ def reduced_model(rig: Rig, theta: float, cutoff: float | None = None) -> Reduce
     flexibility = residual_flexibility(full.stiffness[~kept], *full.shapes[:, ~kept])
     # One or two modes have no residual of rank two; with them the finite elements are complete. Its condition
     # number is usually about 3; of a flexibility at 1e8 the inverse has half its digits.
-    if (~kept).sum() <= 2 or np.linalg.cond(flexibility) > 1e8:
+    if ((~kept).sum() <= 2 and not all_kept) or kept.all() or np.linalg.cond(flexibility) > 1e8:
         return full
     modal, K = {name: getattr(full, name)[kept] for name in MODAL}, np.asarray(np.linalg.inv(flexibility))
     model = replace(full, **modal, kept=kept, K=K)

@@ -14,10 +14,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from fivcore.beams.modes import EPS, contact_modes
+from fivcore.beams.modes import EPS
 from fivcore.errors import UnsolvedError
 from fivcore.jit import Array, Complex, kernel
-from fivcore.rig import Rig
+from fivcore.rig import Structural
+from fivcore.structure import structure_of
 
 # In units of the band's lambda: roots are counted within this; eigenvalues reported are at most MOST_REPORTED.
 RADIUS, MOST_REPORTED = 6.0, 5.0
@@ -43,9 +44,10 @@ class SlidingProblem:
 
 
 @lru_cache(maxsize=128)
-def sliding_problem(rig: Rig, theta: float, fmax: float) -> SlidingProblem:
+def sliding_problem(rig: Structural, theta: float, fmax: float) -> SlidingProblem:
     """Poles, residues, tail and guesses of the sliding problem, cached."""
-    stiffness, normal, tangential = contact_modes(rig, theta)
+    own = structure_of(rig, theta)
+    stiffness, normal, tangential = own.stiffness, own.normal, own.tangential
     omega = 2.0 * np.pi * fmax
     # The largest lambda on the imaginary axis of the band; omega^2 but for heavy damping.
     unit = omega * max(omega, np.hypot(omega, rig.d1) / np.hypot(1.0, rig.d2 * omega))

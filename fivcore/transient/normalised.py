@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from fivcore.contact.reduced import full_model
 from fivcore.jit import Array
-from fivcore.rig import Rig, Scene
+from fivcore.rig import Scene, Structural
+from fivcore.structure import Structure
 
 
 @dataclass(frozen=True)
@@ -21,10 +22,11 @@ class Normalised:
     """A scene for V > 0 and F = 1.
 
     `theta` is in degrees as seen from the drive, `speed_per_load` V / F in m/s/N, rounded to 12 digits. `load`, F
-    in N, is the factor of velocities, displacements and forces, `sense`, the sign of V, that of all along x.
+    in N, is the factor of velocities, displacements and forces, `sense`, the sign of V, that of all along x. For
+    a structure F is the normal force at rest, and V < 0 is that of the mirrored structure.
     """
 
-    rig: Rig
+    rig: Structural
     theta: float
     speed_per_load: float
     mu: float
@@ -34,8 +36,11 @@ class Normalised:
     @classmethod
     def of(cls, scene: Scene) -> Normalised:
         """The normalised form of a scene."""
-        speed = float(f"{abs(scene.V) / scene.F:.11e}")
-        return cls(scene.rig, scene.drive_theta, speed, scene.mu, scene.F, 1.0 if scene.V > 0 else -1.0)
+        rig, load = scene.rig, scene.F * scene.rig.preload
+        if isinstance(rig, Structure) and scene.V < 0.0:
+            rig = rig.mirrored()
+        speed = float(f"{abs(scene.V) / load:.11e}")
+        return cls(rig, scene.drive_theta, speed, scene.mu, load, 1.0 if scene.V > 0 else -1.0)
 
 
 @dataclass(frozen=True)

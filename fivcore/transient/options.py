@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fivcore import checks
-from fivcore.contact.reduced import Modify
+from fivcore.contact.reduced import Modify, full_model
 from fivcore.errors import InputError
 from fivcore.jit import Array
 from fivcore.rig import Scene
@@ -168,7 +168,7 @@ def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
         q, v = np.asarray(q), np.asarray(v)
     except (TypeError, ValueError):
         raise InputError("initial: it must be modal displacements, modal velocities and a contact state") from None
-    modes = 3 * scene.rig.p1.elements + 1 + 3 * scene.rig.p2.elements
+    modes = len(full_model(scene.rig, scene.theta).stiffness)
     for name, part in (("displacements", q), ("velocities", v)):
         if part.shape != (modes,) or part.dtype.kind not in "iuf" or not np.all(np.abs(part) < 1e50):
             text = f"initial: modal {name} of shape {part.shape}: they must be {modes} finite numbers below 1e50"

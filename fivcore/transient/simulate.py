@@ -8,6 +8,8 @@ from inspect import signature
 from typing import Any
 from warnings import warn
 
+import numpy as np
+
 from fivcore import checks
 from fivcore.contact.reduced import Modify, full_model, modified, reduced_model
 from fivcore.errors import (
@@ -20,7 +22,7 @@ from fivcore.errors import (
     fixed_contact,
     out_of_band,
 )
-from fivcore.rig import Rig, Scene
+from fivcore.rig import Rig, Scene, Structural, checked_theta
 from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
 from fivcore.transient.normalised import Normalised, State
@@ -125,10 +127,11 @@ def simulate(
     (result,) = simulate_many([arguments.pop("scene")], **arguments)
     if isinstance(result, Exception):
         raise result
-    moved = abs(scene.V) * result.summary["simulated_time"] / scene.rig.p2.length
+    length = scene.rig.p2.length if isinstance(scene.rig, Rig) else np.inf
+    moved = abs(scene.V) * result.summary["simulated_time"] / length
     if moved > FIXED:
         warn(fixed_contact(moved), FixedContactWarning, stacklevel=2)
-    if len(result.growing) and result.growing[0] > BAND:
+    if len(result.growing) and result.growing[0] > BAND and isinstance(scene.rig, Rig):
         warn(out_of_band(scene.mu, result.growing[0], scene.rig.valid_up_to), OutOfBandWarning, stacklevel=2)
     return result
 
@@ -177,7 +180,7 @@ def simulate_many(
 
 
 def painleve_mu(
-    rig: Rig,
+    rig: Structural,
     theta: Any,
     method: str = "fast",
     *,
@@ -209,8 +212,7 @@ def painleve_mu(
     ValueError
         Naming the argument, its value and what is allowed.
     """
-    checks.instance("rig", rig, Rig)
-    theta = checks.theta_degrees(theta)
+    theta = checked_theta("rig", rig, theta)
     law = law_options(dict(locals()))
     rig, beta2 = published.with_numerical_damping(rig, method, law["numerical_damping"]), law["beta2"]
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")

@@ -1,0 +1,501 @@
+"""A structure in modal form, as stability and motion need it: a rig's beams, or matrices and modes of one's own.
+
+With mass-normalised modal coordinates q, the normal and tangential gaps g_N = n q and g_T = t q - X (X: the motion
+of the drive), contact forces N and T and the load F,
+
+    q'' + c q' + p q = n N + t T + l F + m X''.
+
+Modes that a finite-element model has beyond those that are computed act by their static compliance: two modes far
+above all others have it (`static_modes`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from scipy import linalg, sparse
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+from fivcore import checks
+from fivcore.beams.elements import axial
+from fivcore.beams.modes import contact_modes, one_blas_thread, rig_bases
+from fivcore.errors import InputError
+from fivcore.jit import Array, ReadOnlyArrays
+from fivcore.rig import Rig, Structural, html_table
+from fivcore.structure_files import structure_arguments
+
+# Degrees of freedom up to which all modes are computed, dense. Frequency at which times and bands are those of the
+# beams, Hz.
+DENSE, MIDDLE = 600, 5e3
+# Stiffness of a static mode, in units of the largest one; largest stiffness of a rigid motion, likewise.
+STATIC, RIGID = 1e12, 1e-10
+ROWS = ("normal", "tangential", "inertia", "output", "load")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Structure(Structural, ReadOnlyArrays):
+    """Modes of a structure as its contact, its load and its drive see them; arrays are read-only, SI.
+
+    Made by `from_matrices`, `from_modes`, `read` or `of`. Equal structures have the same `digest`.
+
+    Attributes
+    ----------
+    stiffness, damping : ndarray, (n,)
+        Squared angular frequencies, rad2/s2, 0 for a rigid motion; damping, 1/s.
+    normal, tangential : ndarray, (n,)
+        What a unit of each modal coordinate adds to the normal and the tangential gap, kg^-1/2.
+    inertia, output, load : ndarray, (n,)
+        Modal force for a unit acceleration of the drive; velocity that is observed; modal forces of a unit load.
+    rayleigh : (float, float) or None
+        d1, 1/s, and d2, s, with damping = d1 + d2 stiffness; None: damping by mode.
+    static : int
+        How many modes, the last ones, are there for the static compliance of those that are not computed.
+    remarks : tuple of str
+        What was left out.
+    """
+
+    stiffness: Array
+    damping: Array
+    normal: Array
+    tangential: Array
+    inertia: Array
+    output: Array
+    load: Array
+    rayleigh: tuple[float, float] | None
+    static: int = 0
+    remarks: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, rig: Rig, theta: float) -> Structure:
+        """The modes of a rig's two beams, P1 at `theta` degrees."""
+        checks.instance("rig", rig, Rig)
+        return of_beams(rig, checks.theta_degrees(theta))
+
+    @classmethod
+    def from_modes(
+        cls,
+        frequency: Any,
+        normal: Any,
+        tangential: Any,
+        *,
+        load: Any,
+        output: Any = None,
+        drive: Any = None,
+        d1: float = 0.0,
+        d2: float = 0.0,
+        damping_ratio: Any = None,
+    ) -> Structure:
+        """Take mass-normalised modes; all that the structure has, so that the surfaces touch rigidly.
+
+        Parameters
+        ----------
+        frequency : array_like, (n,)
+            Hz, of the structure with its contact open; 0 for a rigid motion.
+        normal, tangential : array_like, (n,)
+            What a unit of each modal coordinate adds to the gaps, kg^-1/2: the normal one opens, the tangential
+            one is the motion of the structure's surface along the drive.
+        load : array_like, (n,)
+            Modal forces of a unit load, kg^-1/2.
+        output : array_like, (n,), optional
+            Displacement that is observed as B. Default: the tangential gap.
+        drive : array_like, (n,), optional
+            Modal masses of a base that moves, kg^1/2: coordinates are relative to it, and its acceleration acts as
+            a force, -drive times it. Default: a rigid surface slides past at V.
+        d1, d2 : float
+            Rayleigh damping, 1/s and s.
+        damping_ratio : float or array_like, (n,), optional
+            Damping ratios of these modes, in addition. Those of tied modes: `damped`.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument, its value and what is allowed, or the motion that nothing holds.
+        """
+        omega = 2.0 * np.pi * _row("frequency", frequency, None)
+        if np.any(omega < 0.0):
+            raise InputError(f"frequency = {omega.min() / (2.0 * np.pi):g}: it must be 0 or above (Hz)")
+        n = len(omega)
+        given = {"normal": normal, "tangential": tangential, "load": load}
+        rows = [_row(name, row, n) for name, row in given.items()]
+        read = rows[1] if output is None else _row("output", output, n)
+        inertia = np.zeros(n) if drive is None else -_row("drive", drive, n)
+        return _modal(omega**2, rows, inertia, read, (d1, d2), damping_ratio)
+
+    @classmethod
+    @one_blas_thread()
+    def from_matrices(
+        cls,
+        mass: Any,
+        stiffness: Any,
+        *,
+        normal: Any,
+        tangential: Any,
+        load: Any,
+        output: Any = None,
+        drive: Any = None,
+        damping: Any = None,
+        d1: float = 0.0,
+        d2: float = 0.0,
+        damping_ratio: Any = None,
+        fmax: float | None = None,
+    ) -> Structure:
+        """Compute the modes of a finite-element model with its contact open.
+
+        Modes up to `fmax` are computed by shift and invert, all of them where there are at most 600 degrees of
+        freedom and no `fmax`; the others act by their static compliance at contact and load, from the same
+        factorisation.
+
+        Parameters
+        ----------
+        mass, stiffness : array_like or sparse, (n, n)
+            Symmetric, kg and N/m (or kg m2 and N m); mass positive definite, stiffness semidefinite.
+        normal, tangential, load, output, drive : array_like, (n,), or dict {dof: weight}
+            As for `from_modes`, as rows over the degrees of freedom; `drive` is mass times the motion of all for a
+            unit motion of the base.
+        damping : array_like or sparse, (n, n), optional
+            N s/m. The diagonal in modal coordinates is used; `remarks` says what is left out.
+        d1, d2, damping_ratio :
+            As for `from_modes`.
+        fmax : float, optional
+            Highest frequency of a mode, Hz. Default: 10 kHz for more than 600 degrees of freedom.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument, its value and what is allowed, or the motion that nothing holds.
+        """
+        M = _matrix("mass", mass, None)
+        n = M.shape[0]
+        K = _matrix("stiffness", stiffness, n)
+        C = None if damping is None else _matrix("damping", damping, n)
+        given = {"normal": normal, "tangential": tangential, "load": load, "output": output, "drive": drive}
+        rows = {name: _over_dofs(name, row, n) for name, row in given.items() if row is not None}
+        contact = np.stack([rows["normal"], rows["tangential"], rows["load"]])
+        band = None if fmax is None else checks.band(fmax)
+        band = 10e3 if band is None and n > DENSE else band
+        values, vectors, compliance = _modes(M, K, band, contact)
+        own = contact @ vectors
+        output_row, drive_row = rows.get("output", rows["tangential"]), rows.get("drive", np.zeros(n))
+        inertia, read = -drive_row @ vectors, output_row @ vectors
+        structure = _modal(values, list(own), inertia, read, (d1, d2), damping_ratio, compliance, vectors)
+        if C is None:
+            return structure
+        by_modes = vectors.T @ (C @ vectors)
+        diagonal = np.diag(by_modes)
+        if diagonal.min() < -1e-9 * np.abs(by_modes).max():
+            raise InputError(f"damping: it gives a mode {diagonal.min():g} 1/s; it must not be negative")
+        coupling = float(np.abs(by_modes - np.diag(diagonal)).max() / max(diagonal.max(), 1e-300))
+        text = f"damping: coupling of modes is left out, at most {coupling:.3g} of the largest term"
+        added = np.pad(np.maximum(diagonal, 0.0), (0, structure.static))
+        return replace(structure, damping=structure.damping + added, rayleigh=None, remarks=(text,))
+
+    @classmethod
+    def read(cls, path: str | Path) -> Structure:
+        """Read a TOML file that names the files of matrices or modes, or holds the modes (`README.md`)."""
+        kind, arguments = structure_arguments(Path(path))
+        structure: Structure = getattr(cls, kind)(**arguments)
+        return structure
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of all numbers."""
+        rows = [getattr(self, name) for name in ("stiffness", "damping", *ROWS)]
+        return sha256(np.stack(rows).tobytes() + bytes([self.static])).hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Structure) and self.digest == other.digest
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def __repr__(self) -> str:
+        top = self.frequency[-1] if len(self.frequency) else 0.0
+        return f"Structure({len(self.frequency)} modes up to {top:.6g} Hz, {self.digest[:12]})"
+
+    def _repr_html_(self) -> str:
+        own = (("modes", f"{len(self.frequency)}", "1"), ("preload", f"{self.preload:g}", "1"))
+        modes = enumerate(self.frequency[:12].tolist(), 1)
+        rows = [*own, *((f"mode {number}", f"{each:.6g}", "Hz") for number, each in modes)]
+        return html_table("Structure", ("", "value", "unit"), rows)
+
+    @property
+    def d1(self) -> float:  # type: ignore[override]
+        """Rayleigh damping, 1/s; 0 for damping by mode."""
+        return self.rayleigh[0] if self.rayleigh else 0.0
+
+    @property
+    def d2(self) -> float:  # type: ignore[override]
+        """Rayleigh damping, s; 0 for damping by mode."""
+        return self.rayleigh[1] if self.rayleigh else 0.0
+
+    @property
+    def frequency(self) -> Array:
+        """Frequencies of the modes that were computed, (m,), Hz."""
+        return np.asarray(np.sqrt(self.stiffness[: len(self.stiffness) - self.static]) / (2.0 * np.pi))
+
+    @cached_property
+    def preload(self) -> float:  # type: ignore[override]
+        """Normal force at rest with T = 0 for a unit load, from g_N = 0."""
+        rigid = self.stiffness == 0.0
+        if rigid.any():
+            return float(-self.load[rigid][0] / self.normal[rigid][0])
+        flexible = self.normal / self.stiffness
+        return float(-(flexible @ self.load) / (flexible @ self.normal))
+
+    @cached_property
+    def time_unit(self) -> float:  # type: ignore[override]
+        """Unit of the times that a run chooses by itself, such as of segments and samples; 1 for the beams."""
+        elastic = self.frequency[self.frequency > 0.0]
+        return MIDDLE / float(np.clip(MIDDLE, elastic.min(), elastic.max())) if len(elastic) else 1.0
+
+    def mirrored(self) -> Structure:
+        """The structure seen in a mirror across the drive."""
+        return replace(self, tangential=-self.tangential, inertia=-self.inertia, output=-self.output)
+
+    def receptances(self, frequency: Any, mu: float = 0.0) -> Any:
+        """Gaps for a unit normal force with T = mu N at frequencies, Hz: h_NN + mu h_NT and h_TN + mu h_TT."""
+        phi = 2j * np.pi * np.asarray(frequency, dtype=float)[..., None]
+        response = (self.normal + mu * self.tangential) / (self.stiffness + self.damping * phi + phi**2)
+        return (response * self.normal).sum(axis=-1), (response * self.tangential).sum(axis=-1)
+
+    def damped(self, damping_ratio: Any, of: str = "tied") -> Structure:
+        """Replace the damping by ratios of the modes with the contact tied in both directions, or free.
+
+        Measured ratios are those of the assembled, tied structure. Their damping matrix is used by its diagonal in
+        the free modes. `damping_ratio` is one number, or one for each mode, ascending in frequency.
+        """
+        checks.choice("of", of, ("tied", "free"))
+        m = len(self.frequency)
+        if of == "free":
+            added = 2.0 * _ratios(damping_ratio, m) * np.sqrt(self.stiffness[:m])
+            return replace(self, damping=np.pad(added, (0, self.static)), rayleigh=None)
+        weights = np.stack([self.normal, self.tangential])
+        held = linalg.null_space(weights / np.abs(weights).max(axis=1, keepdims=True))
+        values, y = np.linalg.eigh(held.T @ (self.stiffness[:, None] * held))
+        shapes = held @ y
+        ratios = _ratios(damping_ratio, len(values))
+        matrix = (shapes * (2.0 * ratios * np.sqrt(np.maximum(values, 0.0)))) @ shapes.T
+        damping = np.diag(matrix).copy()
+        damping[m:] = 0.0
+        return replace(self, damping=damping, rayleigh=None)
+
+
+def _row(name: str, value: Any, n: int | None) -> Array:
+    """A vector of n finite numbers."""
+    try:
+        row = np.array(value.toarray().ravel() if sparse.issparse(value) else value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} = {checks.short(value)}: it must be a row of numbers") from None
+    if row.ndim != 1 or not len(row) or (n is not None and len(row) != n) or not np.all(np.isfinite(row)):
+        count = "one or more" if n is None else str(n)
+        raise InputError(f"{name} of shape {row.shape}: it must be a row of {count} finite numbers")
+    return row
+
+
+def _over_dofs(name: str, value: Any, n: int) -> Array:
+    """A vector over the degrees of freedom, from one or from {dof: weight}."""
+    if not isinstance(value, Mapping):
+        return _row(name, value, n)
+    row = np.zeros(n)
+    for dof, weight in value.items():
+        if not isinstance(dof, (int, np.integer)) or not 0 <= dof < n:
+            raise InputError(f"{name}: degree of freedom {dof!r}: it must be from 0 to {n - 1}")
+        row[dof] = checks.number(f"{name}: weight of {dof}", weight, "a finite number", lambda _: True)
+    return row
+
+
+def _ratios(value: Any, n: int) -> Array:
+    ratio = checks.array("damping_ratio", value, lambda x: checks.between("damping_ratio", x, 0.0, 10.0, "1"))
+    if ratio.shape not in ((), (n,)):
+        raise InputError(f"damping_ratio of shape {ratio.shape}: it must be one number or {n}, one for each mode")
+    return np.broadcast_to(ratio, (n,))
+
+
+def _matrix(name: str, value: Any, n: int | None) -> Any:
+    """A symmetric matrix, sparse if it was."""
+    try:
+        matrix = sparse.csc_array(value, dtype=float) if sparse.issparse(value) else np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} = {checks.short(value)}: it must be a matrix of numbers") from None
+    allowed = "a square matrix" if n is None else f"of shape ({n}, {n}), as the mass matrix"
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or n not in (None, matrix.shape[0]):
+        raise InputError(f"{name} of shape {matrix.shape}: it must be {allowed}")
+    if not np.all(np.isfinite(matrix.data if sparse.issparse(matrix) else matrix)):
+        raise InputError(f"{name}: it has entries that are not finite")
+    most, off = abs(matrix).max(), abs(matrix - matrix.T).max()
+    if off > 1e-8 * most:
+        triangles = [abs(part(matrix, k)).max() for part, k in ((sparse.tril, -1), (sparse.triu, 1))]
+        hint = "only one triangle is there: add the other one" if 0.0 in triangles else "take (A + A.T) / 2"
+        raise InputError(f"{name}: not symmetric, by {off / most:.2g} of its largest entry; {hint}")
+    return 0.5 * (matrix + matrix.T)
+
+
+def _modes(M: Any, K: Any, fmax: float | None, rows: Array) -> tuple[Array, Array, Array | None]:
+    """Stiffness and mass-normalised modes up to fmax, Hz; static compliance of the others at `rows`, (3, 3)."""
+    n = M.shape[0]
+    limit = np.inf if fmax is None else (2.0 * np.pi * fmax) ** 2
+    if n <= DENSE:
+        M, K = (matrix.toarray() if sparse.issparse(matrix) else matrix for matrix in (M, K))
+        try:
+            values, vectors = linalg.eigh(K, M)
+        except np.linalg.LinAlgError:
+            text = "mass: it must be positive definite; remove degrees of freedom without mass, or condense them"
+            raise InputError(text) from None
+        values, vectors = _refined(M, K, values, vectors)
+        _definite(values, 1e-14 * np.abs(values).max(), vectors)
+        kept = values < limit
+        if kept.all():
+            return values, vectors, None
+        dropped = rows @ vectors[:, ~kept]
+        return values[kept], vectors[:, kept], (dropped / values[~kept]) @ dropped.T
+    if M.diagonal().min() <= 0.0:
+        raise InputError(
+            f"mass: degree of freedom {int(M.diagonal().argmin())} has none; remove all without, or condense them"
+        )
+    M, K = sparse.csc_array(M), sparse.csc_array(K)
+    # A negative shift: the factorised matrix is positive definite, with rigid motions too.
+    shift = 1e-3 * limit
+    factors = splu(sparse.csc_array(K + shift * M), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+    inverse = LinearOperator((n, n), matvec=factors.solve, dtype=float)
+    count = 20
+    while True:
+        count = min(count, n - 1)
+        values, vectors = eigsh(K, count, M, sigma=-shift, OPinv=inverse, v0=np.ones(n))
+        if values.max() > limit or count == n - 1:
+            break
+        count *= 2
+    _definite(values, RIGID * limit, vectors)
+    values, vectors = values[values < limit], vectors[:, values < limit]
+    # Forces without the part that the modes bear; each solution has an error of shift / limit of the one before.
+    forces = rows.T - M @ (vectors @ (vectors.T @ rows.T))
+    solved = np.zeros_like(forces)
+    for _ in range(8):
+        solved += factors.solve(forces - K @ solved)
+        solved -= vectors @ (vectors.T @ (M @ solved))
+    return values, vectors, forces.T @ solved
+
+
+def _refined(M: Array, K: Array, values: Array, vectors: Array) -> tuple[Array, Array]:
+    """Low modes to their own precision, by one inverse iteration: rounding is relative to the highest."""
+    low = values < 1e-6 * values.max()
+    if not low.any():
+        return values, vectors
+    shift = 1e-6 * values.max()
+    images = M @ vectors[:, low]
+    small = images.T @ linalg.cho_solve(linalg.cho_factor(K + shift * M), images)
+    inverse, mixed = np.linalg.eigh(0.5 * (small + small.T))
+    values, vectors = values.copy(), vectors.copy()
+    values[low], vectors[:, low] = (1.0 / inverse - shift)[::-1], vectors[:, low] @ mixed[:, ::-1]
+    return values, vectors
+
+
+def _definite(values: Array, rounding: float, vectors: Array) -> None:
+    """Set the stiffness of rigid motions to zero; an error where a motion has negative stiffness."""
+    if values.min() < -rounding:
+        dof = int(np.abs(vectors[:, values.argmin()]).argmax())
+        text = f"a motion, largest at degree of freedom {dof}, has {values.min():g} 1/s2"
+        raise InputError(f"stiffness: indefinite: {text}; add what supports the structure, or correct its sign")
+    values[np.abs(values) <= rounding] = 0.0
+
+
+def _modal(
+    stiffness: Array,
+    rows: list[Array],
+    inertia: Array,
+    output: Array,
+    rayleigh: tuple[Any, Any],
+    damping_ratio: Any,
+    compliance: Array | None = None,
+    vectors: Array | None = None,
+) -> Structure:
+    """A checked structure of modes with contact and load `rows`; `compliance` (3, 3) of the others."""
+    order = np.argsort(stiffness, kind="stable")
+    stiffness, inertia, output = stiffness[order], inertia[order], output[order]
+    normal, tangential, load = (row[order] for row in rows)
+    vectors = None if vectors is None else vectors[:, order]
+    d1, d2 = (
+        checks.between(name, value, 0.0, 1e12, unit)
+        for name, value, unit in (("d1", rayleigh[0], "1/s"), ("d2", rayleigh[1], "s"))
+    )
+    for name, row in (("normal", normal), ("tangential", tangential), ("load", load)):
+        if not row.any():
+            raise InputError(f"{name}: it must not be zero for every mode")
+    static = 0
+    if compliance is not None:
+        values, n, t, force = static_modes(compliance, float(stiffness.max()))
+        static = len(values)
+        stiffness, load = np.append(stiffness, values), np.append(load, force)
+        normal, tangential = np.append(normal, n), np.append(tangential, t)
+        inertia, output = (np.pad(row, (0, static)) for row in (inertia, output))
+    damping, by_mode = d1 + d2 * stiffness, damping_ratio is not None
+    if static:
+        damping[-static:] = 0.0
+    if by_mode:
+        m = len(stiffness) - static
+        damping[:m] += 2.0 * _ratios(damping_ratio, m) * np.sqrt(stiffness[:m])
+    _held(stiffness, normal, load, vectors)
+    own = None if by_mode else (d1, d2)
+    structure = Structure(stiffness, damping, normal, tangential, inertia, output, load, own, static)
+    if not structure.preload > 0.0:
+        raise InputError(
+            f"load: with it the contact opens (normal force {structure.preload:.3g} for a unit load);"
+            " turn the sign of load or normal"
+        )
+    return structure
+
+
+def _held(stiffness: Array, normal: Array, load: Array, vectors: Array | None) -> None:
+    """Raise unless the closed contact holds all rigid motions, at most one of which can move the normal gap."""
+    rigid = np.flatnonzero(stiffness == 0.0)
+    if not len(rigid):
+        return
+    # The combinations of rigid motions that leave the gap closed.
+    free = linalg.null_space(normal[None, rigid] / max(np.abs(normal).max(), 1e-300))
+    if free.shape[1]:
+        text = f"{free.shape[1]} rigid motion(s) that the closed contact does not hold"
+        if vectors is not None:
+            moved = np.abs(vectors[:, rigid] @ free[:, 0])
+            text += f"; one moves degree of freedom {int(moved.argmax())} most"
+        raise InputError(f"stiffness: {text}: support the structure")
+
+
+def static_modes(compliance: Array, largest: float) -> tuple[Array, Array, Array, Array]:
+    """Stiffness, normal and tangential shape and load, (1 or 2,), of modes with a static compliance (3, 3).
+
+    Its rows are normal, tangential and load. They are so far above the others that they only have that compliance,
+    to 1e-12 of it at the highest frequency.
+    """
+    values, vectors = np.linalg.eigh(compliance[:2, :2])
+    kept = values > 1e-9 * max(values.max(), 0.0)
+    root = np.sqrt(STATIC * largest)
+    shapes = vectors[:, kept] * np.sqrt(values[kept]) * root
+    load = (compliance[2, :2] @ vectors[:, kept]) / np.sqrt(values[kept]) * root
+    return np.full(int(kept.sum()), STATIC * largest), shapes[0], shapes[1], load
+
+
+@lru_cache(maxsize=64)
+@one_blas_thread()
+def of_beams(rig: Rig, theta: float) -> Structure:
+    """`Structure.of` of checked arguments."""
+    stiffness, normal, tangential = contact_modes(rig, theta)
+    upper, lower = rig_bases(rig, theta)
+    n1 = len(upper.stiffness)
+    inertia, point_b, load = np.zeros((3, len(stiffness)))
+    inertia[n1:] = -axial(rig.p2).base_inertia @ lower.shapes[1:, 0]
+    # B lies between two nodes, where the displacement is linear.
+    distance = np.arange(rig.p1.elements + 1) - (1.0 - rig.point_b) * rig.p1.elements
+    point_b[:n1] = np.maximum(1.0 - np.abs(distance), 0.0) @ upper.shapes[:, 0]
+    load[:n1] = -upper.shapes[0, 1]
+    damping = rig.d1 + rig.d2 * stiffness
+    return Structure(stiffness, damping, normal, tangential, inertia, point_b, load, (rig.d1, rig.d2))
+
+
+def structure_of(rig: Structural, theta: float) -> Structure:
+    """The structure that a rig at `theta`, degrees, or a structure is."""
+    return of_beams(rig, theta) if isinstance(rig, Rig) else cast(Structure, rig)
