@@ -1,6 +1,6 @@
-"""Solver core: two beams in frictional point contact, their stability and their motion.
+"""Solver core: structures in frictional point contact, their stability and their motion.
 
-Nothing here knows of sweeps, files or figures. Units are SI; only theta is in degrees.
+Nothing here knows of sweeps or figures. Units are SI; only theta is in degrees.
 """
 
 from fivcore.errors import (
@@ -17,6 +17,7 @@ from fivcore.stability.many import FlutterOnsets, ManyFlutterOnsets, flutter_ons
 from fivcore.stability.sensitivity import OnsetSensitivity, onset_sensitivity
 from fivcore.stability.sliding import SlidingModes, node_positions, sliding_modes
 from fivcore.stability.tied import glued_frequencies, tune_head_mass
+from fivcore.structure import Structure
 from fivcore.transient.driver import Transient
 from fivcore.transient.normalised import State
 from fivcore.transient.simulate import painleve_mu, simulate, simulate_many
@@ -25,7 +26,7 @@ from fivcore.transient.until import Until
 __all__ = [
     "Beam", "ContactError", "DivergenceError", "FixedContactWarning", "FlutterOnsets", "InputError",
     "ManyFlutterOnsets", "OnsetCurve", "OnsetCurves", "OnsetSensitivity", "OutOfBandWarning", "Rig", "Scene",
-    "SlidingModes", "State", "Transient", "UnsolvedError", "UnstableWindows", "Until", "flutter_onsets",
+    "SlidingModes", "State", "Structure", "Transient", "UnsolvedError", "UnstableWindows", "Until", "flutter_onsets",
     "flutter_onsets_many",
     "glued_frequencies", "node_positions", "onset_curves", "onset_sensitivity", "painleve_mu", "simulate",
     "simulate_many", "sliding_modes", "tune_head_mass", "unstable_windows",

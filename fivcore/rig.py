@@ -272,7 +272,7 @@ class Scene:
     theta: float
     mu: float
     F: float
-    rig: Structural = Rig()
+    rig: Any = Rig()
 
     def __post_init__(self) -> None:
         allowed = "a speed of 1e-100 to 1e+100 m/s, of either sign"

@@ -208,6 +208,18 @@ class Structure(Structural, ReadOnlyArrays):
         rows = [getattr(self, name) for name in ("stiffness", "damping", *ROWS)]
         return sha256(np.stack(rows).tobytes() + bytes([self.static])).hexdigest()
 
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers as lists, from which `from_dict` makes an equal structure."""
+        rows = {name: getattr(self, name).tolist() for name in ("stiffness", "damping", *ROWS)}
+        return rows | {"rayleigh": self.rayleigh, "static": self.static, "remarks": list(self.remarks)}
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Structure:
+        """The structure of `to_dict`."""
+        rows = {name: np.array(content[name], dtype=float) for name in ("stiffness", "damping", *ROWS)}
+        rayleigh = None if content["rayleigh"] is None else (content["rayleigh"][0], content["rayleigh"][1])
+        return cls(**rows, rayleigh=rayleigh, static=int(content["static"]), remarks=tuple(content["remarks"]))
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Structure) and self.digest == other.digest
 
@@ -240,7 +252,7 @@ class Structure(Structural, ReadOnlyArrays):
         return np.asarray(np.sqrt(self.stiffness[: len(self.stiffness) - self.static]) / (2.0 * np.pi))
 
     @cached_property
-    def preload(self) -> float:  # type: ignore[override]
+    def preload(self) -> float:
         """Normal force at rest with T = 0 for a unit load, from g_N = 0."""
         rigid = self.stiffness == 0.0
         if rigid.any():
@@ -249,10 +261,22 @@ class Structure(Structural, ReadOnlyArrays):
         return float(-(flexible @ self.load) / (flexible @ self.normal))
 
     @cached_property
-    def time_unit(self) -> float:  # type: ignore[override]
+    def time_unit(self) -> float:
         """Unit of the times that a run chooses by itself, such as of segments and samples; 1 for the beams."""
         elastic = self.frequency[self.frequency > 0.0]
         return MIDDLE / float(np.clip(MIDDLE, elastic.min(), elastic.max())) if len(elastic) else 1.0
+
+    def stiffly_damped(self, added: float) -> Structure:
+        """With `added` s more stiffness damping."""
+        own = self.stiffness * (np.arange(len(self.stiffness)) < len(self.frequency))
+        rayleigh = None if self.rayleigh is None else (self.d1, self.d2 + added)
+        return replace(self, damping=self.damping + added * own, rayleigh=rayleigh)
+
+    def truncated(self) -> Structure:
+        """Without the static compliance of the modes that are not computed."""
+        kept = slice(len(self.frequency))
+        rows = {name: getattr(self, name)[kept] for name in ("stiffness", "damping", *ROWS)}
+        return replace(self, **rows, static=0)
 
     def mirrored(self) -> Structure:
         """The structure seen in a mirror across the drive."""

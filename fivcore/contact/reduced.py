@@ -69,6 +69,8 @@ class ReducedModel(ReadOnlyArrays):
         Which modes of `fivcore.beams.modes.contact_modes` these are.
     K, C : ndarray, (2, 2)
         Inverse of the residual flexibility, N/m, and its dashpot, N s/m; normal first. Zero: a rigid contact.
+    interval : float
+        Time between two samples, s.
     """
 
     stiffness: Array
@@ -81,6 +83,7 @@ class ReducedModel(ReadOnlyArrays):
     kept: NDArray[np.bool_]
     K: Array
     C: Array
+    interval: float = INTERVAL
 
     @cached_property
     def shapes(self) -> Array:
@@ -145,8 +148,8 @@ class ReducedModel(ReadOnlyArrays):
         most = share / omega if omega else RIGID_STEP / float(np.sqrt(self.stiffness.max()))
         # The law takes the mean of a velocity over an impulse, so a mode may not lose more than e^-2 of it.
         most = min(most, 2.0 / damping) if damping > 0.0 else most
-        if most <= INTERVAL:
-            return INTERVAL / float(np.ceil(INTERVAL / most * (1.0 - 1e-9)))
+        if most <= self.interval:
+            return self.interval / float(np.ceil(self.interval / most * (1.0 - 1e-9)))
         digit = 10.0 ** (np.floor(np.log10(most)) - 1.0)
         return float(f"{np.floor(most / digit * (1.0 + 1e-9)) * digit:.1e}")
 
@@ -164,8 +167,9 @@ def full_model(rig: Structural, theta: float) -> ReducedModel:
     kept, none = np.ones(len(own.stiffness), dtype=bool), np.zeros((2, 2))
     load = own.load / own.preload
     return ReducedModel(
-        own.stiffness, own.damping, own.normal, own.tangential, own.inertia, own.output, load, kept, none, none
-    )
+        own.stiffness, own.damping, own.normal, own.tangential, own.inertia, own.output, load, kept, none, none,
+        INTERVAL * own.time_unit,
+    )  # fmt: skip
 
 
 def default_cutoff(rig: Structural) -> float:

@@ -78,7 +78,7 @@ class Job:
 
     def __init__(self, scene: Scene, normalised: Normalised, options: Options) -> None:
         self._scene, self.run = scene, METHODS[options.method](normalised, options)
-        self._observer = Observer(self.run.rate)
+        self._observer = Observer(self.run.rate, scene.rig.time_unit)
         rate = options.rows(self.run.step)[1]
         self._series = Record(normalised, options.record, options.sample_times, rate)
         # Long sticks that have ended; number of the samples that were filled in.

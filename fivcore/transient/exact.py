@@ -18,6 +18,7 @@ gap or cone were overstepped meanwhile, the decision changes u, booked as impact
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -27,6 +28,7 @@ from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.reduced import ReducedModel, default_cutoff, modified, reduced_model
 from fivcore.errors import ContactError, DivergenceError, SceneValueError, not_unique
 from fivcore.jit import Array, Complex
+from fivcore.rig import Rig
 from fivcore.transient.exact_kernels import ONE, Q_R, SCENE, V_R, A, P, S, observe, search, waves_at
 from fivcore.transient.normalised import Normalised, State, energies, residual_gaps
 from fivcore.transient.options import Options
@@ -42,6 +44,8 @@ MOST_GROWTH, LOST = 10.0, 1e-9
 BOUNDARY, HELD = -1, -2
 # Default grid on which statistics are read, length of a segment, and the shortest ramp, s.
 STEP, SEGMENT, SHORT = 1e-6, 0.04, 1e-7
+# Stiffness of a rigid contact in units of the highest mode's.
+PENALTY = 1e9
 # Slip with T = mu N and with T = -mu N; the other statuses have the numbers of `fivcore.transient.statistics`.
 SLIP_UP, SLIP_DOWN = 2, 3
 
@@ -61,7 +65,10 @@ class ExactRun(SteppedRun):
 
     def __init__(self, scene: Normalised, options: Options) -> None:
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
-        self.model, cutoff = model, default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
+        cutoff = default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
+        if not model.K.any() and not isinstance(scene.rig, Rig):
+            model = penalised(model)
+        self.model = model
         if not model.C.any():
             raise SceneValueError(
                 f"cutoff = {cutoff:g}: the contact has no dashpot, which method 'exact' needs; use a cutoff that"
@@ -70,13 +77,15 @@ class ExactRun(SteppedRun):
         limit = model.painleve_mu(None)
         if scene.mu >= limit:
             raise not_unique(scene.mu, limit)
-        step = STEP if options.step is None else options.step
-        super().__init__(scene, options, step, round(SEGMENT / step), SCENE)
+        unit = scene.rig.time_unit
+        step = STEP * unit if options.step is None else options.step
+        super().__init__(scene, options, step, round(SEGMENT * unit / step), SCENE)
+        self._dwell = dwell = DWELL * unit
         self._statuses = statuses(model, scene.mu)
-        if max(status.eigenvalues.real.max() for status in self._statuses) * DWELL > MOST_GROWTH:
+        if max(status.eigenvalues.real.max() for status in self._statuses) * dwell > MOST_GROWTH:
             raise ContactError(
                 f"{not_unique(scene.mu, limit)}, and so close to it slip grows by more"
-                f" than e^{MOST_GROWTH:g} within {DWELL:g} s, which is not resolved"
+                f" than e^{MOST_GROWTH:g} within {dwell:g} s, which is not resolved"
             )
         self._size = sum(energies(scene))
         self._now, self.held = 0.0, 0
@@ -89,7 +98,7 @@ class ExactRun(SteppedRun):
             u = residual_gaps(scene, model.kept, initial)
             y[2 * n :] = u - np.linalg.solve(model.K, [1.0, 0.0])
         # In a ramp of 10 ns the acceleration is so large that the motion is lost in rounding beside it.
-        self._ramp = options.ramp if options.ramp >= SHORT else 0.0
+        self._ramp = options.ramp if options.ramp >= SHORT * unit else 0.0
         if self._ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(y)
@@ -126,7 +135,7 @@ class ExactRun(SteppedRun):
         start = np.array([0.0, self._clamp_velocity(t), acceleration, 1.0, 0.0, 0.0, 0.0, 0.0])
         if which == STICK:
             start[S] = model.tangential @ y[:n] + y[-1]
-        elif which == SEPARATION:
+        elif which == SEPARATION and model.stiffness.min() == 0.0:
             j = int(np.argmin(model.stiffness))
             start[4:] = y[j], y[n + j], model.inertia[j] * acceleration - model.normal[j], model.damping[j]
         self._which, self._status, self._origin, self._start = which, r, t, start
@@ -147,8 +156,8 @@ class ExactRun(SteppedRun):
         margins, left = r.margins * self._amplitudes, max(end - t, 0.0)
         length, self._event = search(r.eigenvalues, margins, start, np.array(orders), left)
         self._stop = end if self._event == BOUNDARY else t + length
-        if self._event != BOUNDARY and length < DWELL:
-            self._stop, self._event = t + DWELL, HELD
+        if self._event != BOUNDARY and length < self._dwell:
+            self._stop, self._event = t + self._dwell, HELD
             self.held += 1
 
     def _next_status(self) -> None:
@@ -211,6 +220,17 @@ class ExactRun(SteppedRun):
         return bool(np.isfinite(self._amplitudes).all())
 
 
+@lru_cache(maxsize=32)
+def penalised(model: ReducedModel) -> ReducedModel:
+    """Give a rigid contact a spring PENALTY times as stiff as the highest mode, and its critical dashpot.
+
+    The motion changes by about 1 / PENALTY of itself.
+    """
+    omega = float(np.sqrt(model.stiffness.max()))
+    K = PENALTY * omega**2 * np.diag(1.0 / np.maximum(np.diag(model.W), 1e-3 * model.W.max()))
+    return replace(model, K=K, C=2.0 / (np.sqrt(PENALTY) * omega) * K)
+
+
 def states_at(
     scene: Normalised, times: Array, *, ramp: float, cutoff: float | None = None, initial: State | None = None
 ) -> Array:
@@ -255,16 +275,16 @@ def _status(model: ReducedModel, mu: float, which: int) -> Status:
     """Write the equations of a contact status as rows of factors of (x, d), and change to its eigenbasis.
 
     x is (q, v, u_N, u_T) less what follows from the rest: in contact u_N is -g_N, in stick u_T is S - g_T; in
-    separation P1's rigid mode is part of d.
+    separation a rigid mode is part of d.
     """
     k, c, K, C, normal, tangential = model.stiffness, model.damping, model.K, model.C, *model.shapes
-    n, rigid = len(k), int(np.argmin(k))
-    dependent = {SEPARATION: [rigid, n + rigid], STICK: [2 * n, 2 * n + 1]}.get(which, [2 * n])
+    n, rigid = len(k), np.flatnonzero(k == 0.0)
+    dependent = {SEPARATION: [*rigid, *(n + rigid)], STICK: [2 * n, 2 * n + 1]}.get(which, [2 * n])
     x = np.delete(np.arange(2 * n + 2), dependent)
     q, v, u, d = np.split(np.delete(np.eye(2 * n + 8), dependent, axis=1), [n, 2 * n, 2 * n + 2])
     load = np.stack([d[ONE], 0.0 * d[ONE]])
     if which == SEPARATION:
-        q[rigid], v[rigid] = d[Q_R], d[V_R]
+        q[rigid], v[rigid] = d[[Q_R] * len(rigid)], d[[V_R] * len(rigid)]
         rate, force = -np.linalg.inv(C) @ (K @ u + load), 0.0 * load
     else:
         u[0], rate = -normal @ q, np.stack([-normal @ v, d[P] - tangential @ v])

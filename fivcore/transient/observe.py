@@ -154,7 +154,8 @@ class Power:
 class Welch:
     """Power spectrum of parts of a signal; relative, not calibrated."""
 
-    def __init__(self, rate: float) -> None:
+    def __init__(self, rate: float, unit: float = 1.0) -> None:
+        self._band = BAND[0] / unit, BAND[1] / unit
         self.frequency = np.fft.rfftfreq(WINDOW, 1.0 / rate)
         self._power = Power(WINDOW, WINDOWS)
         self.power = self._power.sum
@@ -170,7 +171,7 @@ class Welch:
         power, frequency = self.power, self.frequency[1:-1]
         # Not the foot of something below or above the band.
         peaks = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
-        peaks &= (frequency >= BAND[0]) & (frequency <= BAND[1])
+        peaks &= (frequency >= self._band[0]) & (frequency <= self._band[1])
         if not peaks.any():
             return float("nan")
         top = 1 + int(np.argmax(np.where(peaks, power[1:-1], -1.0)))
@@ -346,20 +347,24 @@ def _gather(samples: Array, velocities: Array, speeds: Array, forces: Array, par
 class Observer:
     """Statistics of a run after settling, from samples at `rate`, Hz.
 
-    Of the velocity of B: spectra outside (`moving`) and within long sticks (`stuck`), autocorrelation and RMS; of
-    N (`forces`) and |slip rate| (`speeds`): quantiles; means over blocks. Blocks of LONG_BLOCK samples are counted
-    from the start of the run, those of BLOCK samples from the start of the statistics.
+    `unit` is that of the run's times (`Structural.time_unit`). Of the velocity of B: spectra outside (`moving`)
+    and within long sticks (`stuck`), autocorrelation and RMS; of N (`forces`) and |slip rate| (`speeds`):
+    quantiles; means over blocks. Blocks of LONG_BLOCK samples are counted from the start of the run, those of BLOCK samples
+    from the start of the statistics.
     """
 
-    def __init__(self, rate: float) -> None:
-        self.rate = rate
+    def __init__(self, rate: float, unit: float = 1.0) -> None:
+        self.rate, self._unit = rate, unit
         # Times and velocities whose spectra have not been taken; number of all samples since the start of the run.
         self._buffer, self._columns, self._seen = np.empty((2, 2 * LONG_BLOCK)), np.empty((2, 0)), 0
         self._reset(0.0)
 
     def _reset(self, settled_from: float) -> None:
         self._settled_from = settled_from
-        self.moving, self.stuck, self.correlation = Welch(self.rate), Welch(self.rate), Correlation()
+        self.moving, self.stuck, self.correlation = (
+            *(Welch(self.rate, self._unit) for _ in range(2)),
+            Correlation(),
+        )
         self.speeds, self.forces = Largest(), Largest()
         # Start and counters of all blocks that have begun; columns from VELOCITY on of those that are complete.
         self._starts, self._means = [np.empty((0, VELOCITY))], [np.empty((0, 4))]

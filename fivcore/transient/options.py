@@ -24,6 +24,8 @@ BOUNDS = {
     "cutoff": (1.0, 1e12, "Hz"),
     "sample_rate": (1e-3, 1e9, "Hz"),
 }
+# Default rate of series, Hz, in units of a structure's time.
+RATE = 100e3
 # Shortest long stick, in loading times.
 LONG_STICK = 0.2
 
@@ -61,7 +63,8 @@ class Options:
     def record_of(self, scene: Normalised, fields: Any) -> Any:
         """A method's record (1,) with the counters at the start of a run."""
         least = LONG_STICK * loading_time(scene) if self.min_stick is None else self.min_stick
-        return begin(np.zeros(1, fields), self.settle, SETTLING, least, self.contact)
+        settling = SETTLING * scene.rig.time_unit
+        return begin(np.zeros(1, fields), self.settle, settling, least, self.contact)
 
     def rows(self, step: float) -> tuple[int, float | None]:
         """Steps between the rows of a record, 0 for none; rate at which series are interpolated in them, Hz."""
@@ -80,6 +83,8 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
     for name, limits in BOUNDS.items():
         if name == "duration" or options[name] is not None:
             options[name] = checks.between(name, options[name], *limits)
+    if options["sample_rate"] == RATE:
+        options["sample_rate"] = RATE / scene.rig.time_unit
     duration, rate, times = options["duration"], options["sample_rate"], options["sample_times"]
     allowed = "0 or a time from 1e-9 to 1000 s"
     ramp = checks.number("ramp", options["ramp"], allowed, lambda x: x == 0.0 or 1e-9 <= x <= 1e3)

@@ -26,7 +26,8 @@ from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.contact.step_map import at_most
 from fivcore.errors import SceneValueError, not_unique
 from fivcore.jit import Array, inlined, kernel
-from fivcore.rig import Rig
+from fivcore.rig import Rig, Structural
+from fivcore.structure import structure_of
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter
@@ -34,6 +35,8 @@ from fivcore.transient.stepped import SteppedRun
 
 # Section 3.3 of the paper: time step, beta2 and the relaxation time of the friction law.
 STEP, BETA2, TAU = 2e-8, 0.8, 1e-7
+# The paper's step in units of 1 / omega of the highest mode of both beams.
+SHARE = 0.2
 # The scheme's own addition to d2, s.
 ADDED_DAMPING = (BETA2 - 0.5) * STEP
 # Length of a segment, s.
@@ -49,11 +52,18 @@ _WHOLE = ("contact", "now", "settle", "sample_every", "row_every", "samples", "r
 SCENE = np.dtype([*FIELDS, *((name, "f8") for name in _NUMBERS), *((name, "i8") for name in _WHOLE)])
 
 
-def with_numerical_damping(rig: Rig, method: str, numerical_damping: str) -> Rig:
+def with_numerical_damping(rig: Structural, method: str, numerical_damping: str) -> Structural:
     """Return the rig of a method's model: "fast" and "exact" add to d2 what the scheme adds of itself."""
     if method == "paper" or numerical_damping == "none":
         return rig
-    return replace(rig, d2=rig.d2 + ADDED_DAMPING)
+    if isinstance(rig, Rig):
+        return replace(rig, d2=rig.d2 + ADDED_DAMPING)
+    return structure_of(rig, 0.0).stiffly_damped((BETA2 - 0.5) * default_step(rig))
+
+
+def default_step(rig: Structural) -> float:
+    """The paper's step, s; of a structure, the same share of the period of its highest mode."""
+    return STEP if isinstance(rig, Rig) else SHARE / float(2.0 * np.pi * structure_of(rig, 0.0).frequency[-1])
 
 
 def largest_step(stiffness: Array, damping: Array, beta2: float) -> float:
@@ -72,8 +82,10 @@ class PaperRun(SteppedRun):
     """One run in progress."""
 
     def __init__(self, scene: Normalised, options: Options) -> None:
-        self.model = model = full_model(scene.rig, scene.theta)
-        dt = STEP if options.step is None else options.step
+        rig = scene.rig if isinstance(scene.rig, Rig) else structure_of(scene.rig, 0.0).truncated()
+        self.model = model = full_model(rig, scene.theta)
+        usual = default_step(scene.rig)
+        dt = usual if options.step is None else options.step
         self._b = b = BETA2 if options.beta2 is None else options.beta2
         limit = largest_step(model.stiffness, model.damping, b)
         if dt > limit:
@@ -81,14 +93,14 @@ class PaperRun(SteppedRun):
                 f"step = {dt:g}: with this rig the published scheme needs at most {at_most(limit)} s; else"
                 " its fastest mode grows"
             )
-        painleve = painleve_mu(model, dt, b)
+        painleve = painleve_mu(model, dt, b, TAU / STEP * usual)
         if scene.mu >= painleve:
             raise not_unique(scene.mu, painleve)
         ramp, speed = options.ramp, scene.speed_per_load
-        super().__init__(scene, options, dt, round(SEGMENT / dt), SCENE)
+        super().__init__(scene, options, dt, round(SEGMENT * rig.time_unit / dt), SCENE)
         self._inverse = 1.0 / (1.0 + b * dt * model.damping)
         record = self.record
-        record["dt"], record["b"], record["r"], record["mu"] = dt, b, dt / TAU, scene.mu
+        record["dt"], record["b"], record["r"], record["mu"] = dt, b, dt / (TAU / STEP * usual), scene.mu
         record["speed"], record["ramp"] = speed, ramp
         record["W_NN"], record["W_NT"], record["W_TT"] = contact_closing(model, dt, b)
         record["settle"] = int(np.ceil(record["settled_from"][0] / dt - 1.0))
@@ -167,9 +179,9 @@ def contact_closing(model: ReducedModel, step: float, beta2: float) -> tuple[flo
     return scale * float(n @ (n * inverse)), scale * float(n @ (t * inverse)), scale * float(t @ (t * inverse))
 
 
-def painleve_mu(model: ReducedModel, step: float, beta2: float) -> float:
+def painleve_mu(model: ReducedModel, step: float, beta2: float, tau: float = TAU) -> float:
     """Painleve limit: smallest mu at which a divisor of slip, W_NN +- mu W_NT r / (1 + r), is zero."""
-    (W_NN, W_NT, _), r = contact_closing(model, step, beta2), step / TAU
+    (W_NN, W_NT, _), r = contact_closing(model, step, beta2), step / tau
     return ratio(W_NN * (1.0 + r) / r, W_NT)
 
 

@@ -85,7 +85,8 @@ def simulate(
     sample_rate : float, optional
         Sampling rate of the series, Hz: at the times k / sample_rate, linear between two steps, with the state of
         the step before. Where a whole number of steps fits between two samples, as with the default, they are
-        every so many steps without interpolation, at those steps' own times. None: every step.
+        every so many steps without interpolation, at those steps' own times. None: every step. The default of a
+        structure is in units of its time.
     sample_times : array_like, (n,), optional
         Ascending times of the series instead, s: linear between two steps of the method, with the state of the
         step before; beyond the first and the last step their values.
@@ -217,7 +218,9 @@ def painleve_mu(
     rig, beta2 = published.with_numerical_damping(rig, method, law["numerical_damping"]), law["beta2"]
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
     if method == "paper":
-        return published.painleve_mu(full_model(rig, theta), step or published.STEP, beta2 or published.BETA2)
+        usual = published.default_step(rig)
+        tau = published.TAU / published.STEP * usual
+        return published.painleve_mu(full_model(rig, theta), step or usual, beta2 or published.BETA2, tau)
     cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")
     model = modified(reduced_model(rig, theta, cutoff), modify)
     return model.painleve_mu(None if method == "exact" else step or model.default_step)

@@ -31,7 +31,7 @@ class SteppedRun:
         # The run goes no further than to step `pause`, which may move.
         self.pause = self.steps = max(round(options.duration / step), 1)
         self._length = max(int(length), 1)
-        every = max(round(INTERVAL / step), 1)
+        every = max(round(INTERVAL * scene.rig.time_unit / step), 1)
         self.rate = 1.0 / (every * step)
         self.segments: list[Segment] = []
         self.growing: Array = np.zeros(0)

@@ -8,6 +8,7 @@ import numpy as np
 
 from fivcore.contact.reduced import default_cutoff
 from fivcore.jit import Array
+from fivcore.rig import Rig
 from fivcore.transient.normalised import displacement, loading_time, reference_energy, slip_distance
 from fivcore.transient.observe import Observer, degrees_of_freedom, standard_errors
 from fivcore.transient.statistics import ENERGIES, FIELDS, SETTLED
@@ -78,7 +79,8 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
         # The decay at the start of the statistics has a largest peak, but nothing vibrates any more.
         dominant = periodicity = float("nan")
     lengths = sticks[:, 1] - sticks[:, 0]
-    degrees = degrees_of_freedom(duration - start, loading_time(scene))
+    unit = scene.rig.time_unit
+    degrees = degrees_of_freedom((duration - start) / unit, loading_time(scene) / unit)
     decided = not (regime in ("undecided", "stuck", "steady sliding") or further)
     errors = standard_errors(observer, degrees if decided else 0, lengths)
     if further or regime in ("stuck", "steady sliding"):
@@ -87,17 +89,17 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
     exchanged = float(np.abs([work, released, *lost]).sum())
     exchanged = max(exchanged, reference_energy(scene, run.options.initial))
     # The largest standard error of a share over one second says how seldom the motion changes its kind.
-    unsteady = max(errors[f"{state}_fraction"] for state in states) * np.sqrt(max(duration - start, 0.0))
+    unsteady = max(errors[f"{state}_fraction"] for state in states) * np.sqrt(max(duration - start, 0.0) / unit)
     cutoff, method = run.options.cutoff, run.options.method
     expected = float(np.hypot(CUTOFF_ERROR, UNSTEADY * unsteady))
-    if method == "paper" or cutoff is not None:
+    if method == "paper" or cutoff is not None or not isinstance(scene.rig, Rig):
         expected = float("nan")
     elif further or regime in ("stuck", "steady sliding"):
         expected = 0.0
     if method == "paper":
         cutoff = float(np.sqrt(run.model.stiffness.max())) / (2.0 * np.pi)
     elif cutoff is None:
-        cutoff = default_cutoff(scene.rig)
+        cutoff = default_cutoff(scene.rig) if isinstance(scene.rig, Rig) else float(scene.rig.frequency[-1])
     figures = {
         **{f"{state}_fraction": value for state, value in share.items()},
         "dominant_frequency": dominant,

@@ -86,8 +86,9 @@ class Watch:
         run = self._run
         if np.isnan(run.record["first_slip"][0]):
             return bool(run.time >= self._stuck)
+        unit = run.scene.rig.time_unit
         observed = run.time - float(run.record["settled_from"][0])
-        errors = errors_of_means(observer.shares(), degrees_of_freedom(observed, self._loading_time))
+        errors = errors_of_means(observer.shares(), degrees_of_freedom(observed / unit, self._loading_time / unit))
         if errors.any():
             return bool(np.all(errors <= self._until.standard_error))
         # Nothing but slip: where a proof that it lasts can still come, a vibration may grow slowly.

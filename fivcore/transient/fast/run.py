@@ -14,10 +14,11 @@ from itertools import chain
 import numpy as np
 
 from fivcore.beams.modes import propagator
-from fivcore.contact.reduced import INTERVAL, ReducedModel, modified, reduced_model
+from fivcore.contact.reduced import ReducedModel, modified, reduced_model
 from fivcore.contact.step_map import at_most, largest_stable_step, stable
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array
+from fivcore.rig import Rig
 from fivcore.transient.fast import data as at
 from fivcore.transient.fast import onset
 from fivcore.transient.fast.kernel import advance
@@ -62,7 +63,7 @@ class FastRun:
                 f"step = {self.step:g}: with this rig and cut-off it must be at most {at_most(limit, 3)} s;"
                 f" beyond, {what} is unstable"
             )
-        least = min(options.duration, at.MAX_SKIP * INTERVAL) / MOST_ROOM
+        least = min(options.duration, at.MAX_SKIP * model.interval) / MOST_ROOM
         if self.step < least:
             what, damping = f"step = {self.step:g}: it must be at least {least:g} s", float(model.damping.max())
             if options.step is None and self.step * damping > 1.0:
@@ -75,6 +76,7 @@ class FastRun:
         self._ramp = options.ramp if options.ramp >= self.step else 0.0
         self._ramp_ends = int(self._ramp / self.step)
         finer = options.cutoff is None and options.initial is None and bool(model.K.any())
+        finer = finer and isinstance(scene.rig, Rig)
         self.growing: Array = np.zeros(0)
         if finer and (steady := steady_sliding(model, scene.mu, self.step)) is not None:
             self.growing = steady.growing
@@ -83,11 +85,12 @@ class FastRun:
         self._fine = onset.finer_solver(scene, self.step, options) if finer else None
         distance = slip_distance(scene)
         self._share = 1.0 - min(onset.LEAD * scene.speed_per_load / distance, 1.0) if distance > 0.0 else 0.0
-        self._sample_every = max(round(INTERVAL / self.step), 1)
+        self._sample_every = max(round(model.interval / self.step), 1)
         self._row_every = options.rows(self.step)[0]
         self.rate = 1.0 / (self._sample_every * self.step)
         self.may_settle = options.end_early and bool(model.K.any())
-        self._length = SHORT_SEGMENT
+        self._short, self._long = SHORT_SEGMENT * scene.rig.time_unit, LONG_SEGMENT * scene.rig.time_unit
+        self._length = self._short
         # Where a phase of the onset ends, in its own steps (0: there is none); whether contact has opened in it.
         self._onset_ends, self._opened = 0, False
         # Where a segment ends; a record may cut it into several.
@@ -206,7 +209,7 @@ class FastRun:
         # No skip crosses a multiple of this; segments end there, so that recording changes nothing.
         grid = at.MAX_SKIP * every
         if self._onset_ends:
-            length = round(SHORT_SEGMENT / solver.step)
+            length = round(self._short / solver.step)
             last = self._onset_ends if self._opened else min(now + length, self._onset_ends)
         else:
             ramp_ends, length = self._ramp_ends, min(max(round(self._length / self.step), 1), MOST_STEPS)
@@ -265,7 +268,8 @@ class FastRun:
             steady = self._settled(segment)
             if steady is not None:
                 self.segments = chain([segment], self._fill(steady))
-        self._length = SHORT_SEGMENT if self._slip_variation(segment) < self.scene.speed_per_load else LONG_SEGMENT
+        varies = self._slip_variation(segment) >= self.scene.speed_per_load
+        self._length = self._long if varies else self._short
 
     # The ramp.
 
