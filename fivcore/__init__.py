@@ -26,8 +26,8 @@ from fivcore.transient.until import Until
 __all__ = [
     "Beam", "ContactError", "DivergenceError", "FixedContactWarning", "FlutterOnsets", "InputError",
     "ManyFlutterOnsets", "OnsetCurve", "OnsetCurves", "OnsetSensitivity", "OutOfBandWarning", "Rig", "Scene",
-    "SlidingModes", "State", "Structure", "Transient", "UnsolvedError", "UnstableWindows", "Until", "flutter_onsets",
-    "flutter_onsets_many",
+    "SlidingModes", "State", "Structure", "Transient", "UnsolvedError", "UnstableWindows", "Until",
+    "flutter_onsets", "flutter_onsets_many",
     "glued_frequencies", "node_positions", "onset_curves", "onset_sensitivity", "painleve_mu", "simulate",
     "simulate_many", "sliding_modes", "tune_head_mass", "unstable_windows",
 ]  # fmt: skip

@@ -371,9 +371,12 @@ def _modes(M: Any, K: Any, fmax: float | None, rows: Array) -> tuple[Array, Arra
         except np.linalg.LinAlgError:
             text = "mass: it must be positive definite; remove degrees of freedom without mass, or condense them"
             raise InputError(text) from None
-        values, vectors = _refined(M, K, values, vectors)
+        if values.min() > -1e-12 * np.abs(values).max():
+            values, vectors = _refined(M, K, values, vectors)
         _definite(values, 1e-14 * np.abs(values).max(), vectors)
         kept = values < limit
+        if not kept.any():
+            raise InputError(f"fmax = {fmax:g}: no mode is below it; the lowest has {_hertz(values[0]):.6g} Hz")
         if kept.all():
             return values, vectors, None
         dropped = rows @ vectors[:, ~kept]
@@ -395,6 +398,8 @@ def _modes(M: Any, K: Any, fmax: float | None, rows: Array) -> tuple[Array, Arra
             break
         count *= 2
     _definite(values, RIGID * limit, vectors)
+    if not np.any(values < limit):
+        raise InputError(f"fmax = {fmax:g}: no mode is below it; the lowest has {_hertz(values.min()):.6g} Hz")
     values, vectors = values[values < limit], vectors[:, values < limit]
     # Forces without the part that the modes bear; each solution has an error of shift / limit of the one before.
     forces = rows.T - M @ (vectors @ (vectors.T @ rows.T))
@@ -417,6 +422,10 @@ def _refined(M: Array, K: Array, values: Array, vectors: Array) -> tuple[Array, 
     values, vectors = values.copy(), vectors.copy()
     values[low], vectors[:, low] = (1.0 / inverse - shift)[::-1], vectors[:, low] @ mixed[:, ::-1]
     return values, vectors
+
+
+def _hertz(value: float) -> float:
+    return float(np.sqrt(max(value, 0.0))) / (2.0 * np.pi)
 
 
 def _definite(values: Array, rounding: float, vectors: Array) -> None:

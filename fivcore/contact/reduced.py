@@ -71,6 +71,8 @@ class ReducedModel(ReadOnlyArrays):
         Inverse of the residual flexibility, N/m, and its dashpot, N s/m; normal first. Zero: a rigid contact.
     interval : float
         Time between two samples, s.
+    gap : float
+        Static normal gap of the modes that are not kept under a unit load, m; 0 where a rigid mode closes it.
     """
 
     stiffness: Array
@@ -84,6 +86,7 @@ class ReducedModel(ReadOnlyArrays):
     K: Array
     C: Array
     interval: float = INTERVAL
+    gap: float = 0.0
 
     @cached_property
     def shapes(self) -> Array:
@@ -212,7 +215,8 @@ def reduced_model(rig: Structural, theta: float, cutoff: float | None = None) ->
     if ((~kept).sum() <= 2 and not all_kept) or kept.all() or np.linalg.cond(flexibility) > 1e8:
         return full
     modal, K = {name: getattr(full, name)[kept] for name in MODAL}, np.asarray(np.linalg.inv(flexibility))
-    model = replace(full, **modal, kept=kept, K=K)
+    gap = 0.0 if full.stiffness.min() == 0.0 else float(np.sum((full.normal * full.load / full.stiffness)[~kept]))
+    model = replace(full, **modal, kept=kept, K=K, gap=gap)
     return replace(model, C=max(2.0 * DAMPING / model.contact_frequency, rig.d2) * K)
 
 

@@ -349,8 +349,8 @@ class Observer:
 
     `unit` is that of the run's times (`Structural.time_unit`). Of the velocity of B: spectra outside (`moving`)
     and within long sticks (`stuck`), autocorrelation and RMS; of N (`forces`) and |slip rate| (`speeds`):
-    quantiles; means over blocks. Blocks of LONG_BLOCK samples are counted from the start of the run, those of BLOCK samples
-    from the start of the statistics.
+    quantiles; means over blocks. Blocks of LONG_BLOCK samples are counted from the start of the run, those of
+    BLOCK samples from the start of the statistics.
     """
 
     def __init__(self, rate: float, unit: float = 1.0) -> None:

@@ -175,7 +175,7 @@ def simulate_many(
         options = arguments | {name: arguments[name][k] for name in own}
         normalised = Normalised.of(scene)
         checked = options_for(scene, normalised, options)
-        rig = published.with_numerical_damping(scene.rig, checked.method, checked.numerical_damping)
+        rig = published.with_numerical_damping(normalised.rig, checked.method, checked.numerical_damping)
         requests.append((scene, replace(normalised, rig=rig), checked))
     return [drive(*request) for request in requests]
 

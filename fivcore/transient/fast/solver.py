@@ -38,7 +38,7 @@ class Solver:
         element, self.dissipation = bool(model.K.any()), model.dissipation(impulse)
         # Of the unit load impulses see what they see of a contact force.
         gap_N, gap_T = (float(gap @ model.rest) for gap in gaps)
-        self.at_rest = float(impulse.defect[0, 0]) - gap_N, gap_T - float(impulse.defect[1, 0])
+        self.at_rest = float(impulse.defect[0, 0]) - (gap_N + model.gap), gap_T - float(impulse.defect[1, 0])
         # Modes come in fours, so that vector registers are full.
         self.size = -(-len(model.rest) // 4) * 4
         self.blocks = np.zeros((-(-self.size // at.BLOCK), at.BLOCK_ROWS, at.BLOCK))

@@ -45,7 +45,7 @@ class SteadySliding:
         M, slip = impulse.delassus, step_map(model, impulse, step, mu)
         maps = status_maps(impulse.stiffness, impulse.damping, M, mu, step)
         # Two more columns: the unit load, whose share of the impulse comes first, and a unit of V.
-        load = [impulse.defect[0, 0] - n @ model.rest, 0.0, -M[0, 0], -M[1, 0]]
+        load = [impulse.defect[0, 0] - (n @ model.rest + model.gap), 0.0, -M[0, 0], -M[1, 0]]
         p, u_T, _, rate_T = seen = np.column_stack([slip.seen, load, [0.0, 0.0, 0.0, -1.0]])
         (N, T, following), (stick_N, stick_T) = slip.law @ seen, maps.entering @ seen
         net = N - np.eye(len(N))[-2]
