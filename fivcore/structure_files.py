@@ -1,0 +1,250 @@
+"""Files of a user's own structure: matrices, modes, and the TOML file that names them.
+
+Numbers are taken as they are, so they must be in SI units. Nothing in a file is executed or unpickled.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import io, sparse
+
+from fivcore import checks
+from fivcore.errors import InputError
+
+ROWS = ("normal", "tangential", "load", "output", "drive")
+COLUMNS = ("frequency", *ROWS, "damping_ratio")
+MATRICES = ("mass", "stiffness", "damping")
+NUMBERS = ("d1", "d2", "damping_ratio", "fmax")
+DIRECTIONS = dict(zip("123456", ("x", "y", "z", "rx", "ry", "rz"), strict=True))
+
+
+def read_matrix(path: str | Path, key: str | None = None) -> tuple[sparse.csr_array, Any]:
+    """Read a real square matrix and, if the format has them, node and degree of freedom of each row, else None.
+
+    Formats: `.mat` (MATLAB up to v7) and `.npz`, with the `key` of one matrix of several; Matrix Market,
+    Harwell-Boeing (RUA, RSA), and Abaqus' COORDINATE and MATRIX INPUT, which alone has labels. One triangle of a
+    symmetric matrix is enough, but in `.mat`, `.npz` and RUA. An `InputError` says what is wrong with a file.
+    """
+    with _reading(path):
+        file, labels = Path(path), None
+        if (suffix := file.suffix.lower()) in (".mat", ".npz"):
+            arrays = io.loadmat(file) if suffix == ".mat" else np.load(file, allow_pickle=False)
+            names = [name for name in arrays if not name.startswith("__")]
+            packed = suffix == ".npz" and "format" in names
+            if not packed and key not in names and (key or len(names) != 1):
+                raise InputError(f"key = {key!r}: it must be one of {', '.join(names)}")
+            found = sparse.load_npz(file) if packed else arrays[key or names[0]]
+        else:
+            found, labels = _text_matrix(file)
+        if hasattr(found, "check_format"):
+            found.check_format(full_check=True)  # SciPy's conversions trust the indices.
+        matrix, shape = sparse.csr_array(found), np.shape(found)
+        if shape != shape[:1] * 2 or matrix.dtype.kind not in "biuf" or not np.isfinite(matrix.data).all():
+            raise InputError(f"it has shape {shape} and type {matrix.dtype}; it must be square, real and finite")
+        return matrix.astype(float), labels
+
+
+def read_modes(path: str | Path, rows: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Read mass-normalised modes: by name, an array with a value for each mode.
+
+    A CSV file has a line for each mode, and columns frequency [Hz], normal, tangential, and where wanted load,
+    output, drive, damping_ratio. For a universal file (`.uff`, `.unv`; data set 55) `rows` says what these are, as
+    in {"normal": "node 12, x"}; its shapes are divided by the root of the modal mass where the file has one.
+    """
+    with _reading(path):
+        if Path(path).suffix.lower() in (".uff", ".unv"):
+            return _universal(Path(path), rows or {})
+        head, *lines = Path(path).read_text("utf-8-sig").splitlines() or [""]
+        heads = [re.sub(r"(?<=frequency) *\[Hz\]", "", name.strip('" ')) for name in head.split(",")]
+        columns = np.loadtxt(lines or ["nan"], delimiter=",", ndmin=2).T
+        if rows or len(columns) != len(set(heads)):
+            wrong = f"{min(rows)} must be a column" if rows else f"{len(columns)} columns, {len(set(heads))} names"
+            raise InputError(f"{wrong}; give frequency, normal, tangential, ... and below a line for each mode")
+        return _numbers(dict(zip(heads, columns, strict=True)), COLUMNS, COLUMNS[:3])
+
+
+def structure_arguments(path: str | Path) -> tuple[str, dict[str, Any]]:
+    """Read the TOML file of a structure: the name of a constructor of `Structure`, and its keyword arguments.
+
+    `mass`, `stiffness` and `damping` are files beside it, or {file = ..., key = ...}. `normal`, `tangential`,
+    `load`, `output` and `drive` are each an index from 0, a name like "node 845, y", a table of weights of these,
+    or a text file of a vector. Names need labels: the matrices' own, `dofs_per_node`, or `nodes`, a file with a
+    node and a direction for each row. In place of matrices, `modes` is a file for `read_modes`, or each table
+    [[mode]] is a mode.
+    """
+    with _reading(path):
+        content, folder = tomllib.loads(Path(path).read_text("utf-8")), Path(path).parent
+        rows = {name: content[name] for name in ROWS if name in content}
+        if "mode" in content:
+            _check_names(content, ("mode", *NUMBERS[:3]))
+            checks.instance("mode", modes := content["mode"], list)
+            columns = {name: [each.get(name) for each in modes] for name in {n: 0 for mode in modes for n in mode}}
+            arguments = _numbers(columns, COLUMNS, COLUMNS[:3])
+        elif "modes" in content:
+            _check_names(content, ("modes", *ROWS, *NUMBERS[:3]))
+            arguments = read_modes(_file(folder, content["modes"]), rows)
+        else:
+            _check_names(content, (*MATRICES, *ROWS, *NUMBERS, "nodes", "dofs_per_node"), MATRICES[:2])
+            arguments = _matrices(content, rows, folder)
+        _check_names(arguments, arguments, ROWS[:3])
+        arguments |= _numbers({name: content[name] for name in NUMBERS if name in content}, NUMBERS)
+        return "from_matrices" if "mass" in content else "from_modes", arguments
+
+
+@contextmanager
+def _reading(where: object) -> Iterator[None]:
+    """Make of every error an `InputError` that begins with `where`."""
+    try:
+        yield
+    except InputError as problem:
+        raise InputError(f"{where}: {problem}") from None
+    except Exception as problem:  # noqa: BLE001 - the libraries raise anything for a damaged file
+        text = getattr(problem, "strerror", None) or " ".join(str(problem).split()) or type(problem).__name__
+        if "matlab v7.3" in text:
+            text = "MATLAB wrote v7.3 (HDF5); save it with save(FILE, NAME, '-v7')"
+        raise InputError(f"{where}: it cannot be read: {text}") from None
+
+
+def _check_names(names: Collection[Any], known: Collection[str], required: Collection[str] = ()) -> None:
+    for name in names:
+        if name not in known:
+            near = difflib.get_close_matches(str(name), known, 3) or list(known)[:12]
+            raise InputError(f"{name}: there is none of this name; use {' or '.join(near)}")
+    if missing := [name for name in required if name not in names]:
+        raise InputError(f"{missing[0]}: it is missing; needed are {', '.join(required)}")
+
+
+def _file(folder: Path, name: Any) -> Path:
+    if not (folder / str(name)).is_file():
+        _check_names([str(name)], [file.name for file in folder.iterdir() if file.is_file()])
+    return folder / str(name)
+
+
+def _numbers(values: Mapping[str, Any], known: Collection[str], required: Collection[str] = ()) -> dict[str, Any]:
+    """Finite numbers, or arrays of them, by name."""
+    _check_names(values, known, required)
+    finite = partial(checks.number, allowed="a finite number", accept=np.isfinite)
+    return {name: checks.array(name, value, partial(finite, name))[()] for name, value in values.items()}
+
+
+def _text_matrix(path: Path) -> tuple[Any, Any]:
+    """The matrix in a text file, and the labels of its rows."""
+    lines = path.read_text("utf-8", errors="replace").splitlines()
+    if lines and lines[0].startswith("%%MatrixMarket"):
+        return io.mmread(path), None
+    labels, kind = None, lines[2][:3].upper() if len(lines) > 4 else ""
+    if re.fullmatch("[RCP][SUHZR][AE]", kind):
+        # Harwell-Boeing format: Duff, Grimes and Lewis, ACM Trans. Math. Software 15 (1989) 1-14.
+        counts, (n, columns, entries) = [*map(int, lines[1].split()), 0], map(int, lines[2][3:].split()[:3])
+        if kind not in ("RUA", "RSA") or n != columns:
+            raise InputError(f"it is {kind}, {n} by {columns}; it must be RUA or RSA (real, assembled), square")
+        words, start = list[str](), 4 + (counts[4] > 0)
+        for count, width in zip(counts[1:4], re.findall(r"[IEDFG](\d+)", lines[3].upper()), strict=False):
+            for line in lines[start : start + count]:
+                # A word that is longer than a field is several fields.
+                touching = max(map(len, line.split()), default=0) > int(width)
+                words += re.findall(f".{{1,{width}}}", line.rstrip()) if touching else line.split()
+            start += count
+        numbers = np.array([float(word.upper().replace("D", "E")) for word in words])
+        pointers, row, values = np.split(numbers, [n + 1, n + 1 + entries])
+        row, column = row.astype(int) - 1, np.repeat(np.arange(n), np.diff(pointers.astype(int)))
+    else:
+        data = [line.replace(",", " ") for line in lines if line.strip() and line.lstrip()[0] not in "*%#"]
+        table = np.loadtxt(data, ndmin=2) if data else np.zeros((1, 1))
+        if table.shape[1] not in (3, 5) or (table[:, :-1] % 1).any():
+            raise InputError("its lines are neither i, j, value nor node, dof, node, dof, value")
+        places, values = table[:, :-1].astype(int), table[:, -1]
+        if table.shape[1] == 5:
+            # Sorting single integers is faster than sorting pairs.
+            codes, places = np.unique(places.reshape(-1, 2) @ [2**31, 1], return_inverse=True)
+            labels, places = np.stack(np.divmod(codes, 2**31), axis=1), places + 1
+        row, column, n = *places.reshape(-1, 2).T - 1, places.max()
+    matrix = sparse.coo_array((values, (row, column)), shape=(n, n)).tocsr()
+    mirror = (matrix - sparse.diags_array(matrix.diagonal())).T
+    # Where no entry has its mirror image, one triangle is stored.
+    if kind != "RUA" and not (matrix != 0).multiply(mirror != 0).nnz:
+        matrix = matrix + mirror
+    return matrix, labels
+
+
+def _universal(path: Path, rows: Mapping[str, Any]) -> dict[str, Any]:
+    try:
+        import pyuff
+    except ImportError:
+        raise InputError('a universal file needs pyuff: pip install "fiv[uff]"') from None
+    path.open("rb").close()
+    file = pyuff.UFF(str(path))
+    sets = [file.read_sets(int(place)) for place in np.flatnonzero(file.get_set_types() == 55)]
+    modes = [each for each in sets if each["analysis_type"] == each["data_type"] == 2]
+    if len({tuple(mode["node_nums"]) for mode in modes}) != 1:
+        raise InputError("it must have real normal modes (data set 55, analysis type 2), all at the same nodes")
+    shapes = np.array([[mode[f"r{i}"] for i in range(1, 7) if f"r{i}" in mode] for mode in modes])
+    shapes /= np.sqrt([mode["modal_m"] or 1.0 for mode in modes])[:, None, None]
+    labels = [(node, dof) for dof in range(1, shapes.shape[1] + 1) for node in modes[0]["node_nums"]]
+    found = {"frequency": np.array([mode["freq"] for mode in modes])}
+    if any(ratios := [mode["modal_damp_vis"] for mode in modes]):
+        found["damping_ratio"] = np.array(ratios)
+    for name, row in _weights(rows, labels, len(labels), path.parent).items():
+        found[name] = shapes.reshape(len(modes), -1)[:, list(row)] @ list(row.values())
+    return found
+
+
+def _weights(rows: Mapping[str, Any], labels: Any, size: int, folder: Path) -> dict[str, dict[int, float]]:
+    """Weights by index, of each an index, a name, a table of weights of these, or a file of a vector."""
+    names = {f"node {node}, {DIRECTIONS.get(str(dof), dof)}": i for i, (node, dof) in enumerate(labels)}
+    found: dict[str, dict[int, float]] = {name: {} for name in rows}
+    for name, value in rows.items():
+        with _reading(f"{name} = {checks.short(value)}"):
+            if isinstance(value, str) and not value.startswith("node "):
+                value = dict(enumerate(np.loadtxt(_file(folder, value), ndmin=1)))
+                if len(value) != size:
+                    raise InputError(f"it has {len(value)} numbers; it must have {size}")
+            for place, weight in value.items() if isinstance(value, dict) else [(value, 1.0)]:
+                index = names.get(str(place), int(place) if str(place).isdecimal() else -1)
+                if not 0 <= index < size:
+                    near = difflib.get_close_matches(str(place), names, 3) or [*names][:2] or ["set dofs_per_node"]
+                    known = " or ".join([f"an index from 0 to {size - 1}", *near])
+                    raise InputError(f"there is no row {place}; give {known}")
+                found[name][index] = checks.number("weight", weight, "a finite number", np.isfinite)
+    return found
+
+
+def _matrices(content: Mapping[str, Any], rows: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The matrices and rows of a finite-element model."""
+    found, own = dict[str, Any](), dict[str, Any]()
+    labels: Any = ()
+    for name in [name for name in MATRICES if name in content]:
+        with _reading(name):
+            entry = content[name] if isinstance(content[name], dict) else {"file": content[name]}
+            _check_names(entry, ("file", "key"), ("file",))
+            found[name], own[name] = read_matrix(_file(folder, entry["file"]), entry.get("key"))
+    size = found["stiffness"].shape[0]
+    if labelled := [each for each in own.values() if each is not None]:
+        if len(labelled) < len(own) or "nodes" in content or "dofs_per_node" in content:
+            raise InputError("some matrices name their nodes; then all must, without nodes and dofs_per_node")
+        # Abaqus leaves out rows without entries, as of nodes without mass.
+        labels = np.unique(np.concatenate(labelled), axis=0)
+        size = len(labels)
+        for name, matrix in found.items():
+            place = np.unique(np.concatenate([labels, own[name]]), axis=0, return_inverse=True)[1][size:]
+            spread = sparse.eye_array(size, format="csc")[:, place]
+            found[name] = (spread @ matrix @ spread.T).tocsr()
+    elif "nodes" in content:
+        text = _file(folder, content["nodes"]).read_text("utf-8").lower().replace("rot", "r")
+        labels = re.findall(r"(-?\d+)[ \t,]+u?(r?[xyz]|\d+)[ \t]*$", text, re.MULTILINE)
+    elif "dofs_per_node" in content:
+        dofs = range(1, checks.count("dofs_per_node", content["dofs_per_node"], 6) + 1)
+        labels = [(node, dof) for node in range(1, size // len(dofs) + 1) for dof in dofs]
+    sizes = {name: matrix.shape[0] for name, matrix in found.items()} | {"nodes": len(labels) or size}
+    if len(set(sizes.values())) > 1:
+        raise InputError(f"numbers of rows differ: {sizes}; nodes or dofs_per_node must name each row")
+    return found | _weights(rows, labels, size, folder)

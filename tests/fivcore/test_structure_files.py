@@ -1,0 +1,212 @@
+"""Files of a user's own structure: what other programs wrote is read; what is wrong is said in one line."""
+
+import numpy as np
+import pytest
+import scipy.io
+from scipy import linalg, sparse
+
+from fivcore import InputError
+from fivcore.structure_files import read_matrix, read_modes, structure_arguments
+from tests import HOME
+
+READERS = HOME.parent / "shared" / "data" / "readers"
+shared = pytest.mark.skipif(not READERS.exists(), reason="the sample files are not part of the project")
+RANDOM = np.random.default_rng(1)
+HALF = np.where(RANDOM.random((12, 12)) < 0.3, RANDOM.normal(size=(12, 12)), 0.0)
+K = HALF + HALF.T + 5.0 * np.eye(12)
+LOWER = np.tril(K)
+LABELS = [(node, dof) for node in (-1, 1, 7, 12) for dof in (1, 2, 3)]
+
+
+def section(values, form, count):
+    words = [format(value, form).replace("e", "D") for value in values.tolist()]
+    return ["".join(words[i : i + count]) for i in range(0, len(words), count)]
+
+
+def harwell_boeing(k, width=24, kind="RSA"):
+    """As Ansys' HBMAT writes it: exponents with D, a right-hand side; fields touch where they are 23 wide."""
+    k = sparse.csc_array(k)
+    parts = [
+        section(k.indptr + 1, "6d", 13),
+        section(k.indices + 1, "6d", 13),
+        section(k.data, f"{width}.16e", 3),
+        ["1"],
+    ]
+    counts = [sum(map(len, parts)), *map(len, parts)]
+    lines = ["Stiffness", "".join(f"{count:14d}" for count in counts)]
+    lines += [f"{kind:14}" + "".join(f"{n:14d}" for n in (*k.shape, k.nnz, 0))]
+    lines += [f"{'(13I6)':16}{'(13I6)':16}{f'(1P,3D{width}.16)':20}(1D24.16)", f"{'F':14}{1:14d}{0:14d}"]
+    return "\n".join([*lines, *parts[0], *parts[1], *parts[2], *parts[3]])
+
+
+def coordinate(k):
+    return "\n".join(f"{i + 1} {j + 1}  {k[i, j]:.17g}" for i, j in np.argwhere(k))
+
+
+def matrix_input(k):
+    name = [f"{node},{dof}" for node, dof in LABELS]
+    lines = [f"{name[i]}, {name[j]}, {k[i, j]:.17g}" for i, j in np.argwhere(k)]
+    return "\n".join(["*MATRIX INPUT, NAME=K", *lines])
+
+
+def market(k, symmetry="general"):
+    return lambda file: scipy.io.mmwrite(file, sparse.coo_array(k), symmetry=symmetry, precision=17)
+
+
+FILES = {
+    "k.mat": lambda file: scipy.io.savemat(file, {"K": sparse.csc_array(K)}),
+    "dense.mat": lambda file: scipy.io.savemat(file, {"K": K}),
+    "k.npz": lambda file: sparse.save_npz(file, sparse.csr_array(K)),
+    "dense.npz": lambda file: np.savez(file, K=K),
+    "general.mtx": market(K),
+    "symmetric.mtx": market(K, "symmetric"),
+    "both.mtx": coordinate(K),
+    "lower.mtx": coordinate(LOWER),
+    "both.inp": matrix_input(K),
+    "upper.inp": matrix_input(LOWER.T),
+    "rua.hb": lambda file: scipy.io.hb_write(file, sparse.csc_array(K)),
+    "rsa.matrix": harwell_boeing(LOWER),
+    "touching.rsa": harwell_boeing(LOWER, 23),
+    # One triangle, where it is all that is meant.
+    "lower.mat": lambda file: scipy.io.savemat(file, {"K": LOWER}),
+    "lower.npz": lambda file: np.savez(file, K=LOWER),
+    "lower.hb": harwell_boeing(LOWER, kind="RUA"),
+}
+OTHERS = {
+    "dashpot.inp": "7,2, 7,2, 3.0",
+    "vector.txt": "\n".join(map(str, range(12))),
+    "short.txt": "1\n2\n",
+    "K.mapping": "Eqn Node DOF\n" + "".join(f"{i} {i // 3} {('UX', 'UY', 'ROTZ')[i % 3]}\n" for i in range(12)),
+    "modes.csv": "frequency [Hz],normal,tangential,load\n0,1,0,1\n100,0.5,-2,0.5\n",
+    "text.csv": "frequency,normal,tangential\n0,1,two\n",
+}
+DAMAGED = {
+    "two.npz": (lambda file: np.savez(file, K=K, M=K), "key .* K, M"),
+    "pickled.npz": (lambda file: np.savez(file, K=np.array([{}], dtype=object)), "allow_pickle"),
+    "v73.mat": ("MATLAB 7.3 MAT-file".ljust(124) + "\0\2IM" + "\0" * 400, "'-v7'"),
+    "cut.mat": ("MATLAB 5.0 MAT-file".ljust(124) + "\0\1IM" + "\1", "cannot be read"),
+    "complex.mtx": (market(1j * K), "real"),
+    "csa.hb": (harwell_boeing(LOWER, kind="CSA"), "CSA, .* RSA"),
+    "cut.hb": (harwell_boeing(LOWER)[:900], "cannot be read"),
+    "four.mtx": ("1 1 1 1\n", "i, j, value"),
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("files")
+    for name, content in (FILES | OTHERS | {name: content for name, (content, _) in DAMAGED.items()}).items():
+        content(folder / name) if callable(content) else (folder / name).write_text(content)
+    return folder
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_matrix_is_read_as_it_was_written(folder, name):
+    read, labels = read_matrix(folder / name)
+    whole = LOWER if name in ("lower.mat", "lower.npz", "lower.hb") else K
+    assert isinstance(read, sparse.csr_array)
+    assert np.array_equal(read.toarray(), whole)
+    assert (None if labels is None else [*map(tuple, labels.tolist())]) == (LABELS if "inp" in name else None)
+
+
+@shared
+def test_abaqus_coordinates_of_a_block():
+    mass, stiffness = (read_matrix(READERS / f"abaqus_coordinate_{name}.mtx")[0] for name in ("MASS", "STIF"))
+    along = np.tile([1.0, 0.0, 0.0], 257)
+    assert along @ mass @ along == pytest.approx(11600.0)
+    squares = linalg.eigvalsh(stiffness.toarray(), mass.toarray(), subset_by_index=[0, 8])
+    assert np.abs(squares[:6]).max() < 1e-6 * squares[6]
+    assert np.sqrt(squares[6:]) / (2.0 * np.pi) == pytest.approx([451.3333, 452.0099, 607.8702], rel=1e-6)
+
+
+@shared
+def test_abaqus_matrix_input_of_a_beam():
+    """A free beam of 3 m, 0.25 m2 and 100 kg/m3 with two internal degrees of freedom."""
+    (mass, labels), (stiffness, _) = (
+        read_matrix(READERS / f"abaqus_matrix_input_{n}.mtx") for n in ("MASS", "STIF")
+    )
+    assert (mass != mass.T).nnz == (stiffness != stiffness.T).nnz == 0
+    assert labels[:3].tolist() == [[-1, 1], [-1, 2], [1, 1]]
+    across = (labels[:, 0] > 0) & (labels[:, 1] == 2)
+    assert across @ mass @ across == pytest.approx(75.0)
+    assert np.abs(stiffness @ across).max() < 1e-9
+
+
+@shared
+def test_modes_of_a_universal_file(folder):
+    pytest.importorskip("pyuff")
+    text = (READERS / "modes_uff55.uff").read_text()
+    rows = {"normal": "node 2, y", "load": {"node 1, x": 2, "node 3, z": -1}}
+    modes = read_modes(READERS / "modes_uff55.uff", rows)
+    expected = {"frequency": [97.013], "normal": [1.8285e-2], "load": [2 * 5.3569e-2 - 4.6623e-3]}
+    assert modes == {name: pytest.approx(value) for name, value in expected.items()}
+    # A modal mass of 4 kg halves the shape.
+    (folder / "heavy.unv").write_text(text.replace("9.7013e+01   0.0", "9.7013e+01   4.0"))
+    assert read_modes(folder / "heavy.unv", rows)["normal"] == pytest.approx(modes["normal"] / 2.0)
+
+
+def arguments(folder, text):
+    (folder / "pin.toml").write_text(text)
+    return structure_arguments(folder / "pin.toml")
+
+
+def model(file, rest, tangential="node 2, x"):
+    return f"mass = '{file}'\nstiffness = {{file = '{file}'}}\ntangential = '{tangential}'\nload = 0\n{rest}\n"
+
+
+def test_a_model_of_matrices(folder):
+    text = 'normal = {"node 2, y" = 1.0, 11 = -0.5}\noutput = "vector.txt"\ndofs_per_node = 3\nd1 = 50\nfmax = 1e4'
+    constructor, given = arguments(folder, model("both.mtx", text))
+    assert constructor == "from_matrices"
+    assert all(np.array_equal(given.pop(name).toarray(), K) for name in ("mass", "stiffness"))
+    assert given.pop("output") == {i: float(i) for i in range(12)}
+    assert given == {"normal": {4: 1, 11: -0.5}, "tangential": {3: 1}, "load": {0: 1}, "d1": 50, "fmax": 1e4}
+    mapped = arguments(folder, model("rsa.matrix", 'nodes = "K.mapping"\nnormal = 2', "node 3, rz"))[1]
+    assert (mapped["tangential"], mapped["normal"]) == ({11: 1}, {2: 1})
+
+
+def test_matrices_of_several_nodes_are_brought_together(folder):
+    given = arguments(folder, model("upper.inp", 'damping = "dashpot.inp"\nnormal = "node 7, y"', "node -1, z"))[1]
+    assert np.array_equal(given["mass"].toarray(), K)
+    assert np.argwhere(given["damping"].toarray()).tolist() == [[7, 7]]
+    assert (given["normal"], given["tangential"]) == ({7: 1}, {2: 1})
+
+
+MODE = "[[mode]]\nfrequency = {}\nnormal = {}\ntangential = {}\nload = {}\n"
+
+
+@pytest.mark.parametrize("text", ['modes = "modes.csv"', MODE.format(0, 1, 0, 1) + MODE.format(100, 0.5, -2, 0.5)])
+def test_tables_of_modes(folder, text):
+    constructor, given = arguments(folder, "d2 = 1e-8\n" + text)
+    expected = {"frequency": [0, 100], "normal": [1, 0.5], "tangential": [0, -2], "load": [1, 0.5], "d2": 1e-8}
+    assert constructor == "from_modes"
+    assert {name: np.asarray(value).tolist() for name, value in given.items()} == expected
+
+
+THREE = "dofs_per_node = 3\n"
+WRONG = [
+    ("", "mass: it is missing"),
+    ("mass = ", "pin.toml: it cannot be read"),
+    (model("both.mtx", 'norml = "node 2, y"'), "norml: .* normal"),
+    (model("bath.mtx", "normal = 1"), "mass: bath.mtx: .* both.mtx"),
+    (model("both.mtx", THREE + 'normal = "node 22, y"'), "normal = 'node 22, y': .* node 2, y"),
+    (model("both.mtx", THREE + "normal = 12"), "normal = 12: .* from 0 to 11"),
+    (model("both.mtx", THREE + "normal = true"), "normal = True: .* from 0 to 11"),
+    (model("both.mtx", THREE + 'normal = "short.txt"'), "normal = 'short.txt': .* 2 .* 12"),
+    (model("both.mtx", THREE + 'normal = {1 = "a"}'), "normal = .* weight = 'a'"),
+    (model("both.mtx", THREE + 'normal = 1\nd1 = "fifty"'), "d1 = 'fifty'"),
+    (model("both.mtx", "dofs_per_node = 5\nnormal = 1"), "10.* dofs_per_node"),
+    (model("both.mtx", "normal = 1"), "tangential = 'node 2, x': .* dofs_per_node"),
+    ('modes = "modes.csv"\nnormal = 1', "modes.csv: normal .* column"),
+    ('modes = "text.csv"', "text.csv: .* 'two'"),
+    ("[[mode]]\nfrequency = 3\nnormal = 1\n", "tangential: it is missing"),
+    *((model(name, "normal = 1"), f"mass: .*{name}: .*{message}") for name, (_, message) in DAMAGED.items()),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), WRONG)
+def test_what_is_wrong_is_said_in_one_line(folder, text, message):
+    with pytest.raises(InputError, match=message) as caught:
+        arguments(folder, text)
+    assert str(caught.value).startswith(f"{folder / 'pin.toml'}: ")
+    assert "\n" not in str(caught.value)
