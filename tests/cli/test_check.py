@@ -66,6 +66,13 @@ def test_each_check_can_fail(tmp_path, monkeypatch, group, faults, failing):
     assert all(any(re.search(name, what) for what in failed) for name in failing), failed
 
 
+@pytest.mark.slow
+def test_here_all_pass_and_nothing_is_left_behind(here, tmp_path):
+    done = here("check")
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "all is well")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_error_is_a_check_that_failed_and_the_others_go_on(tmp_path, monkeypatch, here):
     def raises(folder):
         raise OSError("no \x1b[2J\nscreen")

@@ -81,11 +81,6 @@ def in_circles(graph: dict[str, set[str]]) -> set[str]:
     return {name for name in graph if name in reached(name)}
 
 
-def test_a_circle_of_imports_would_be_seen():
-    assert in_circles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == {"b", "c"}
-    assert child_imports("sweeps")["sweeps.plan"] >= {"sweeps.grid", "sweeps.storage"}
-
-
 def child_imports(package: str) -> dict[str, set[str]]:
     """The modules and sub-packages directly in a package that each of them imports, with all that it contains."""
 
