@@ -16,7 +16,7 @@ from sweeps.plan import batches
 from sweeps.storage.store import Store
 from sweeps.task import one_blas_thread
 from tests.helpers.backends import assert_right, simple, visible
-from tests.helpers.processes.sweep_programs import end, finished_points, make, start, wait_for
+from tests.helpers.sweep_programs import end, finished_points, make, start, wait_for
 from tests.helpers.waves import stop_after
 
 SIZES = [{"BATCH_BYTES": 1.0}, {"GROWTH": 2, "SHORTEST": 1e-4}, {"BATCH_SECONDS": 1e-6}, {"PLACES": 1}]
