@@ -237,28 +237,3 @@ def test_rigs_have_the_growing_modes_that_sliding_has(count, fmax):
     assert np.all(found.divergence_mu[real] < mu[real])
     assert 0.1 < unstable.mean() < 0.9
     assert np.any(real)
-
-
-def test_a_recovery_does_not_make_up_for_an_onset_above_the_band():
-    p1, p2 = (
-        {"length": 0.110017, "width": 0.010387, "thickness": 0.001502},
-        {"length": 0.268144, "thickness": 0.006949},
-    )
-    rig = made(p1, p2, contact_position=0.23781, head_mass=2.101062)
-    modes, found = sliding_modes(rig, 9.959824, 0.3, 3e3), flutter_onsets_many({"theta": 9.959824}, 3e3, rig=rig)
-    [k] = np.flatnonzero(modes.unstable)
-    assert (modes.growth_rate[k], modes.frequency[k]) == pytest.approx((7516, 1458), rel=1e-3)
-    assert_array_equal(found.unstable(0.3), [[True]])
-
-
-def test_a_pair_that_ceases_to_oscillate_diverges_from_there():
-    p1, p2 = (
-        {"length": 0.039278, "width": 0.009141, "thickness": 0.003387},
-        {"length": 0.135449, "thickness": 0.006656},
-    )
-    rig, theta = made(p1, p2, contact_position=0.122203, head_mass=4.316263), 30.557901
-    found = flutter_onsets_many({"theta": theta}, rig=rig)
-    edge = found.divergence_mu[0]
-    modes = sliding_modes(rig, theta, np.array([edge * (1.0 - 1e-6), edge * (1.0 + 1e-6), 0.92]))
-    assert_array_equal(np.sum(modes.unstable & (modes.frequency == 0.0), axis=-1), [0, 2, 2])
-    assert_array_equal(found.unstable([0.9, 0.92]), [[True, True]])
