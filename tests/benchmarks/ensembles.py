@@ -74,23 +74,6 @@ def mean(values: Iterable[float]) -> tuple[float, float]:
     return finite.mean(), finite.sem()
 
 
-def compare(paper: list[dict], fast: list[dict]) -> list[tuple[str, float, float]]:
-    """Figure, difference, and what it may be with two standard errors of the difference."""
-    rows = []
-    for key, absolute, share in (
-        *((key, 0.02, 0.0) for key in FRACTIONS),
-        ("dominant_frequency", 0.0, 0.015),
-        ("velocity_rms", 0.0, 0.10),
-        ("stick_times", 0.0, 0.10),
-    ):
-        one, other = (np.hstack([run[key] for run in runs]) for runs in (paper, fast))
-        # A handful of sticks at the start is no mean.
-        if key != "stick_times" or min(len(one), len(other)) >= 20:
-            (a, ea), (b, eb) = mean(one), mean(other)
-            rows.append((key, b - a, absolute + share * a + 2.0 * float(np.hypot(ea, eb))))
-    return rows
-
-
 def statistics(count: int = 3) -> Table:
     """Each cell `paper` / `fast`, of which there are twice as many members; shares with standard errors."""
     columns = [Column("scene"), *(Column(key.removesuffix("_fraction"), form=".3f") for key in FRACTIONS)]

@@ -15,8 +15,6 @@ import numpy as np
 
 from tests.benchmarks.tables import Column, Table
 
-# What the project asks of itself for the first of them, s and bytes.
-MOST_SECONDS, MOST_BYTES = 2.0, 1e9
 QUERIES = {
     "twenty rows of an expression": ("--where", 'mu > 0.2 and level > 1.9 and regime == "wild"', "--limit", "20"),
     "no row": ("--where", "level > 9", "--limit", "20"),

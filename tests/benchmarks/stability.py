@@ -1,4 +1,4 @@
-"""What the linear half costs and how exact it is: medians over repetitions in one run, on one core."""
+"""What the linear half costs: medians over repetitions in one run, on one core."""
 
 from __future__ import annotations
 
@@ -76,18 +76,4 @@ def costs() -> Table:
     return Table([Column("what"), Column("median", "s"), Column("at most", "s")], rows)
 
 
-def errors() -> Table:
-    """Largest difference from the tests' reference on the paper's mesh."""
-    rig, frequency, growth = Rig(), 0.0, 0.0
-    for theta, mu in ((5.0, 0.0), (5.0, 0.2), (5.0, 0.45), (10.0, 0.3), (-5.0, 0.2)):
-        modes = sliding_modes(rig, theta, mu)
-        mine = modes.growth_rate + 2j * np.pi * modes.frequency
-        theirs = reference.damped(reference.sliding_eigenvalues(rig, theta, mu), rig.d1, rig.d2)[: len(mine)]
-        frequency = max(frequency, float(np.max(np.abs(mine.imag / theirs.imag - 1.0))))
-        growth = max(growth, float(np.max(np.abs(mine.real - theirs.real) / theirs.imag)))
-    rows = [["frequency, relative", frequency], ["growth rate over angular frequency", growth]]
-    head = "difference from the dense reference, paper's mesh, band 10 kHz"
-    return Table([Column(head), Column("largest", form=".1e")], rows)
-
-
-TABLES = {"costs": costs, "errors": errors}
+TABLES = {"costs": costs}

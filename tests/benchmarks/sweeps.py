@@ -25,8 +25,8 @@ from tests.benchmarks.tables import Column, Table
 
 # The transient sweep: so many scenes of so many simulated seconds.
 SCENES, SECONDS = 2400, 1.0
-# Recorded scenes, and of what.
-RECORDED, SERIES = 320, ("velocity_B", "normal_force", "slip_velocity")
+# What recorded scenes record.
+SERIES = ("velocity_B", "normal_force", "slip_velocity")
 TURNS = 3
 CORES = (
     "two independent processes of `simulate_many`",
@@ -51,12 +51,12 @@ def trivial(count, wide):
     return Sweep("trivial", vector, grid, {"y": Variable(dims=("k",))}, coords={"k": Axis(np.arange(1000))})
 
 
-def scenes(count, record=(), half=None):
-    """A transient sweep of `count` different scenes, or of every other one of them."""
+def scenes(count, record=()):
+    """A transient sweep of `count` different scenes."""
     from studies import registry
 
-    speeds = np.linspace(1e-3, 5e-3, count // 4)[slice(half, None, None if half is None else 2)]
-    given = {"V": speeds, "theta": [3.0, 5.0, 7.0, 9.0], "mu": 0.2, "F": 9.0, "duration": SECONDS}
+    given = {"V": np.linspace(1e-3, 5e-3, count // 4), "theta": [3.0, 5.0, 7.0, 9.0], "mu": 0.2, "F": 9.0}
+    given["duration"] = SECONDS
     return registry.load("scenes").sweep(given, record=record, sample_rate=50e3 if record else None)
 
 
@@ -85,11 +85,6 @@ def at_once(part):
         each.stdin.write("go\n")
         each.stdin.flush()
     return [numbers(each.communicate()[0]) for each in begun]
-
-
-def wait_for_the_other():
-    print("ready", flush=True)
-    sys.stdin.readline()
 
 
 def numbers(told):
@@ -256,7 +251,8 @@ def _copy(half):
     # As a sweep orders them: by what shares a basis.
     every.sort(key=lambda scene: scene.theta)
     simulate_many(every[:1], 0.1)
-    wait_for_the_other()
+    print("ready", flush=True)
+    sys.stdin.readline()  # the other is ready, too
     begin = time.perf_counter()
     simulate_many(every[int(half) :: 2], SECONDS)
     print(time.perf_counter() - begin)
@@ -275,55 +271,7 @@ def _engine(scheduler):
     print((d1 - d0) / (t1 - t0), whole)
 
 
-def recorded():
-    """Recorded scenes in one run on two threads, against two processes that run half of them each."""
-    rates = {"halves": [], "threads": []}
-    for _ in range(TURNS):
-        # Twice the rate of the slower half.
-        rates["halves"].append(np.min(at_once("recorded"), axis=0) * 2.0)
-        rates["threads"].append(numbers(apart("recorded")))
-    names = {"halves": "two processes with half of them each", "threads": "one run on two threads"}
-    rows = [
-        [names[name], *np.median(values, axis=0), *np.median(np.divide(values, rates["halves"]), axis=0)]
-        for name, values in rates.items()
-    ]
-    heads = ("computed a second", "written a second", "computed, of the first", "written, of the first")
-    first = Column(f"{RECORDED} recorded scenes of {SECONDS:g} s")
-    return Table([first, *(Column(each) for each in heads)], [[name, *map(float, row)] for name, *row in rows])
-
-
-def _recorded(half=None):
-    """Scenes a second until the last one was computed, and until the file was written."""
-    with tempfile.TemporaryDirectory() as folder:
-        scenes(4, SERIES).plan(Path(folder) / "first.nc").run("sync")  # what compiles
-        plan = scenes(RECORDED, SERIES, None if half is None else int(half)).plan(Path(folder) / "scenes.nc")
-        if half is not None:
-            wait_for_the_other()
-        ends, begin = [], time.perf_counter()
-        plan.run("threads", 2 if half is None else 1, lambda snapshot: ends.append(time.perf_counter())).close()
-        print(plan.todo / (ends[-1] - begin), plan.todo / (time.perf_counter() - begin))
-
-
-def grid():
-    """The 4-D grid whose V and F grow by the same ratio."""
-    from studies import registry
-
-    given = {
-        "V": np.geomspace(1e-3, 1e-3 * 1.3**9, 10),
-        "theta": np.linspace(-10.0, 20.0, 13),
-        "mu": np.linspace(0.05, 0.35, 11),
-        "F": np.geomspace(9.0, 9.0 * 1.3**9, 10),
-        "duration": 0.1,
-    }
-    begin = time.perf_counter()
-    plan = registry.load("scenes").sweep(given).plan()
-    rows = [[plan.points, plan.distinct, time.perf_counter() - begin]]
-    return Table([Column("points, V and F by one ratio"), Column("distinct"), Column("planned in", "s")], rows)
-
-
-TABLES = {
-    each.__name__: each for each in (overhead, memory, size, growth, client, cores, recorded, grid, strangers)
-}
+TABLES = {each.__name__: each for each in (overhead, memory, size, growth, client, cores, strangers)}
 
 if __name__ == "__main__":
     globals()[sys.argv[1]](*sys.argv[2:])

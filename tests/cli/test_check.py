@@ -2,11 +2,9 @@
 
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from fivcore import simulate
 from studies import check
@@ -27,13 +25,7 @@ def changed(*given, **options):
     return data
 
 
-def forgotten(*given, **options):
-    plan = PLAN(*given, **options)
-    vars(plan).update(cached=0)
-    return plan
-
-
-RUN, PLAN = Plan.run, check.Sweep.plan
+RUN = Plan.run
 FAULTS = [
     ("stability", {"check.GLUED": tuple(1.00001 * f for f in check.GLUED)}, ["natural frequencies"]),
     ("stability", {"check.ONSETS": (0.111, *check.ONSETS[1:])}, ["flutter onsets: friction"]),
@@ -43,12 +35,6 @@ FAULTS = [
     ("motion", {"check.ENERGY": 1e-9}, ["energy balance"]),
     ("engine", {"Plan.run": changed}, ["in sequence", "completes it"]),
     ("engine", {"check.SPEEDS": np.array([1e-3, 2e-3, 0.0])}, ["points computed"]),
-    ("engine", {"Sweep.plan": forgotten}, ["shorter run"]),
-    (
-        "engine",
-        {"check.xr": SimpleNamespace(open_dataset=lambda file: xr.open_dataset(file) * 0)},
-        ["xarray alone"],
-    ),
     ("study", {"image.imread": lambda file: np.ones((10, 10, 4))}, ["pixels"]),
     ("study", {"check.ONSETS": (0.111, *check.ONSETS[1:])}, ["onsets in its file"]),
 ]
@@ -56,7 +42,7 @@ FAULTS = [
 
 @pytest.mark.parametrize(("group", "faults", "failing"), FAULTS)
 def test_each_check_can_fail(tmp_path, monkeypatch, group, faults, failing):
-    places = {"check": check, "Plan": Plan, "Sweep": check.Sweep, "image": check.image}
+    places = {"check": check, "Plan": Plan, "image": check.image}
     for name, value in faults.items():
         place, _, attribute = name.partition(".")
         monkeypatch.setattr(places[place], attribute, value)
@@ -64,6 +50,13 @@ def test_each_check_can_fail(tmp_path, monkeypatch, group, faults, failing):
         monkeypatch.setattr(check, name, lambda folder: iter(()))
     failed = [what for what, _, _, passed in check.checks(tmp_path) if not passed]
     assert all(any(re.search(name, what) for what in failed) for name in failing), failed
+
+
+@pytest.mark.slow
+def test_here_all_pass_and_nothing_is_left_behind(here, tmp_path):
+    done = here("check")
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "all is well")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_error_is_a_check_that_failed_and_the_others_go_on(tmp_path, monkeypatch, here):

@@ -8,8 +8,6 @@ FOLDERS = ("fivcore", "sweeps", "studies", "results", "tests")
 NAMES = ("README.md", *(f"{folder}/README.md" for folder in FOLDERS))
 TEXTS = {name: (HOME / name).read_text() for name in NAMES}
 ALL = "\n".join(TEXTS.values())
-# All as one line: a sentence of theirs is found wherever its lines end.
-LINE = " ".join(ALL.split())
 
 
 def blocks(language: str, *names: str) -> list[str]:

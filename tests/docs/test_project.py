@@ -81,11 +81,6 @@ def in_circles(graph: dict[str, set[str]]) -> set[str]:
     return {name for name in graph if name in reached(name)}
 
 
-def test_a_circle_of_imports_would_be_seen():
-    assert in_circles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == {"b", "c"}
-    assert child_imports("sweeps")["sweeps.plan"] >= {"sweeps.grid", "sweeps.storage"}
-
-
 def child_imports(package: str) -> dict[str, set[str]]:
     """The modules and sub-packages directly in a package that each of them imports, with all that it contains."""
 
@@ -131,8 +126,8 @@ def test_studies_are_loaded_without_matplotlib():
         ("sweeps", (".py",), 4510),
         ("studies", (".py",), 10_250),
         ("studies", (".js", ".css", ".j2"), 500),
-        ("tests/sweeps", (".py",), 3090),
-        ("tests", (".py",), 15_700),
+        ("tests/sweeps", (".py",), 2950),
+        ("tests", (".py",), 14_500),
     ],
 )
 def test_code_stays_within_its_bounds(folder, suffixes, lines):

@@ -119,19 +119,6 @@ def test_what_comes_before_settling_counts_for_nothing():
     assert len(observer.blocks) == 1999 // 128
 
 
-@pytest.mark.parametrize("count", [3_000, 200_000])
-@pytest.mark.parametrize("scale", [1e-9, 3e3])
-def test_quantiles_of_a_known_distribution(scale, count):
-    values = scale * np.random.default_rng(1).lognormal(size=count)
-    largest = Largest()
-    for piece in np.array_split(values, 7):
-        largest.add(piece)
-    for share in (0.998, 0.999, 0.9999, 1.0):
-        assert largest.quantile(share) == pytest.approx(np.quantile(values, share), rel=1e-12)
-    for share in (0.5, 0.9):
-        assert largest.quantile(share) == pytest.approx(np.quantile(values, share), rel=0.1)
-
-
 def test_quantiles_of_nothing_of_zeros_and_of_one_value_many_times():
     largest = Largest()
     largest.add(np.zeros(0))

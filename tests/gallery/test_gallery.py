@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from studies import claims, paper, registry, results, runner, summary
+from studies import claims, paper, registry, runner, summary
 from studies.accuracy.study import COSTS
 from studies.plotting import figures
 from studies.stress.checks import CHECKS
@@ -81,16 +81,6 @@ def test_a_point_has_the_same_bits_in_any_batch(name, small):
             if (name, key) == ("stress", "value"):
                 alone, whole = (np.delete(part, list(CHECKS).index("cost"), 1) for part in (alone, whole))
             np.testing.assert_array_equal(alone, whole, key)
-
-
-@pytest.mark.parametrize("name", registry.NAMES)
-def test_a_result_says_what_its_numbers_are(name, small):
-    _, data, _ = small(name)
-    for variable in data.variables.values():
-        if variable.dtype.kind in "if" and variable.dims:
-            assert variable.attrs.get("units") or "flag_values" in variable.attrs or variable.dims[0] in data.dims
-    for parameter in results.settings(data):
-        assert parameter in data.coords or parameter in data.data_vars
 
 
 @pytest.mark.parametrize("name", registry.NAMES)

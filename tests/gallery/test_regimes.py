@@ -9,7 +9,6 @@ from scipy.stats import beta
 
 from fivcore import Rig, Scene, flutter_onsets
 from fivcore.transient.summary import regime_of
-from studies import registry
 from studies.gallery import regimes
 from studies.motion import ensemble, run
 from studies.motion import regimes as motion
@@ -79,12 +78,6 @@ def test_vibration_by_modes_above_the_band_has_its_verdict(computed):
     data = computed("regimes", **SHORT | values)
     assert VERDICTS[int(data["verdict"].squeeze())] == "unstable above the band"
     np.testing.assert_allclose(data["model_growth_frequency"], 95.6e3, rtol=0.01)
-
-
-def test_a_stable_scene_loses_its_slowest_mode_at_half_of_d1():
-    """Damping on the mass alone leaves the lowest modes -d1 / 2."""
-    found = regimes.linear_stability(Scene(5e-3, 5.0, 0.05, 9.0), None, "published")
-    np.testing.assert_allclose([found["growth_rate"], found["model_growth_rate"]], -0.5 * Rig().d1, rtol=1e-3)
 
 
 def test_equivalent_points_have_the_bits_of_one_scene_and_its_size(computed):
@@ -228,19 +221,3 @@ def test_below_at_and_above_each_limit_a_point_of_a_result_is_in_its_regime(name
 ])  # fmt: skip
 def test_a_result_is_with_the_published_damping_only_if_it_says_so(coords, word):
     assert motion.damping_text(xr.Dataset(coords=coords)).startswith(f"{word} the published")
-
-
-def test_a_file_explains_itself_and_grows(tmp_path):
-    study = registry.load("regimes")
-    for mu in ([0.1, 0.2], [0.1, 0.2, 0.3]):
-        values = SHORT | {"V": [2e-3, 5e-3], "mu": mu, "max_duration": 0.65}
-        data = study.sweep(values).plan(tmp_path / "regimes.nc").run("sync")
-    assert int((data["status"] == 1).sum()) == 6
-    with xr.open_dataset(tmp_path / "regimes.nc") as plain:
-        assert plain["regime"].dims == ("V", "mu", "theta", "F")
-        assert plain["member_regime"].dims == ("V", "mu", "theta", "F", "member")
-        assert float(plain["head_mass"]) == Rig().head_mass
-        np.testing.assert_array_equal(plain["regime_share"].sum("kind"), 1.0)
-        for name, words in (("regime", REGIMES), ("verdict", VERDICTS)):
-            assert plain[name].attrs["flag_meanings"].split() == [word.replace(" ", "_") for word in words]
-            assert plain[name].encoding["dtype"] == np.int8

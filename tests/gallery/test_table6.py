@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fivcore import Rig, Scene, simulate, sliding_modes, unstable_windows
+from fivcore import Rig, sliding_modes, unstable_windows
 from studies import claims, paper, registry, runner, stability, summary
 from studies.motion import ensemble, regimes, run
 
@@ -79,18 +79,6 @@ def test_only_what_vibrates_has_a_dominant_frequency_and_it_is_near_the_measured
     np.testing.assert_array_equal(np.isfinite(hertz), vibrates(angles["member_regime"]))
     for theta, measured in paper.ANGLES_MEASURED.items():
         assert float(angles["dominant_frequency"].sel(theta=theta)) == pytest.approx(measured, rel=0.05)
-
-
-def test_realisations_are_single_runs_and_make_the_averages_of_their_angle(angles):
-    at = angles.sel(theta=5.0)
-    duration, scene = float(at["duration"]), Scene(paper.ANGLES_SPEED, 5.0, paper.MU, paper.LOAD)
-    for number in angles["member"].values:
-        ramp = 1e-3 * (1.0 + ensemble.STRETCH * (number - 1.0))
-        found = simulate(scene, duration, numerical_damping="published", ramp=ramp).summary
-        for name in ("velocity_rms", "dominant_frequency"):
-            assert found[name] == float(at[f"member_{name}"].sel(member=number))
-    assert float(at["velocity_rms"]) == pytest.approx(float(at["member_velocity_rms"].mean()))
-    assert float(sum(at[f"{state}_fraction"] for state in run.STATES)) == pytest.approx(1.0)
 
 
 @given(st.lists(st.floats(200.0, 1e4) | st.just(np.nan), max_size=9))

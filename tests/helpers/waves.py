@@ -73,10 +73,6 @@ def hill(points):
     return {"kind": 1 * (away < 0.6), "height": np.exp(-4.0 * away**2)}
 
 
-def slope(points):
-    return {"kind": np.ones(len(points["x"]), dtype=int), "height": 100.0 + points["y"]}
-
-
 def cliff(points):
     return {"kind": 1 * (points["x"] > 0.0), "height": np.tanh(40.0 * (points["x"] - 0.3 * points["y"]))}
 

@@ -85,7 +85,6 @@ def test_a_result_grows_and_its_file_says_how_to_compute_it_again(tmp_path, undr
 @pytest.mark.parametrize(
     ("study", "values", "how", "message"),
     [
-        ("fig5", {}, {"samples": 8}, "--samples 8: it is for draws"),
         ("fig5", {"mu": "normal:1:1"}, {"points": {"theta": [5.0]}}, "leave one out"),
         ("fig5", {"nu": "normal:1:1"}, {}, "no such parameter; did you mean mu"),
         ("fig5", {"mu": "normal:1:1"}, {"samples": 0}, "count = 0: it must be a whole"),

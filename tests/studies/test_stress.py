@@ -135,5 +135,4 @@ def test_a_result_its_summary_and_its_figure_say_what_passed_and_what_failed():
         assert summary.text(study.summary(found.isel(pick)))
         with figures.style():
             figure = study.STUDY.figure(found.isel(pick))
-            figure.canvas.draw()
         assert figure.get_suptitle().endswith(": none failed") == (found is data or bool(pick))

@@ -5,9 +5,8 @@ import pytest
 
 import studies
 from fivcore import Beam, Rig, flutter_onsets, sliding_modes
-from studies import claims, paper, registry, results, runner, summary
+from studies import claims, registry, results, runner, summary
 from studies.gallery import fig5
-from studies.request import Request
 from studies.study import Parameter, Study
 from sweeps import InputError, StoreError
 
@@ -113,17 +112,6 @@ def test_auto_is_no_number():
         study.sweep({"gain": "auto"})
 
 
-def test_a_bug_in_a_figure_is_a_bug(tmp_path):
-    """It was once reported as a damaged result."""
-
-    def figure(data):
-        return {"red": 1}["rad"]
-
-    study = study_of(lambda x, gain: {"y": gain * x}, figure=figure)
-    with pytest.raises(KeyError, match="rad"):
-        runner.draw(study, run(study))
-
-
 def test_a_warning_names_the_line_of_the_caller():
     with pytest.warns(UserWarning, match="p1_length = 50 m is unusual") as caught:
         studies.run("fig5", mu=0.1, p1_length=50.0)
@@ -132,11 +120,6 @@ def test_a_warning_names_the_line_of_the_caller():
 
 def test_fig5_has_ten_modes_and_the_papers_onsets():
     data = studies.run("fig5")
-    np.testing.assert_allclose(data["onset_mu"], [0.11123, 0.15298, 0.22365], atol=1e-5)
-    np.testing.assert_allclose(data["onset_frequency"], [2802.0, 398.0, 7705.0], atol=0.5)
-    point, modes = data.sel(mu=paper.MU, method="nearest"), sliding_modes(Rig(), 5.0, paper.MU)
-    np.testing.assert_allclose(point["frequency"], modes.frequency[:10], rtol=1e-12)
-    np.testing.assert_allclose(point["growth_rate"], modes.growth_rate[:10], rtol=1e-9)
     # Every onset lies where the number of unstable modes rises on the grid.
     unstable = (data["growth_rate"] > 0.0).sum("mode").values
     rises = data["mu"].values[1:][np.diff(unstable) > 0]
@@ -163,18 +146,6 @@ def test_any_parameter_may_vary():
     np.testing.assert_allclose(data["frequency"].sel(theta=8.0, head_mass=3.0), expected, rtol=1e-12)
 
 
-def test_a_result_is_computed_again_from_its_file(tmp_path):
-    from studies import request
-
-    first = studies.run("scenes", V="2mm/s", theta=5.0, mu="0.1:0.2:2", F=9.0, duration=0.05, out="one")
-    made = request.of_result(studies.open("one/scenes/scenes.nc"))
-    plan = runner.plan(made.study, made, "one")
-    assert plan.todo == 0
-    assert isinstance(made, Request)
-    again = runner.plan(made.study, made, "two").run("sync")
-    np.testing.assert_array_equal(again["velocity_rms"], first["velocity_rms"])
-
-
 def test_onsets_without_any_instability():
     data = studies.run("fig5", theta=-5.0, mu=[0.0, 0.1, 0.2])
     assert data.sizes["onset"] == 0
@@ -188,10 +159,6 @@ def test_onsets_without_any_instability():
 @pytest.mark.parametrize(
     ("name", "values", "message"),
     [
-        ("fig55", {}, "STUDY = 'fig55': no study has this name; did you mean fig5"),
-        ("fig5", {"mo": 0.2}, "mo: study fig5 has no such parameter; did you mean mu"),
-        ("fig5", {"mu_static": 0.2}, "friction has one constant mu"),
-        ("fig5", {"mu": -0.1}, "mu = -0.1: it must be a number from 0 to"),
         ("fig5", {"mu": [0.1, float("nan")]}, "mu = nan: it must be finite"),
         ("fig5", {"mu": "much"}, "mu = 'much'"),
         ("fig5", {"theta": 95.0}, "theta = 95.0: it must be a single angle between -90 and 90"),
@@ -200,10 +167,8 @@ def test_onsets_without_any_instability():
         ("fig5", {"mu": np.zeros((2, 2))}, "mu = array"),
         ("fig5", {"p1_elements": 1.5}, "p1_elements = 1.5: it must be a whole number"),
         ("fig5", {"record": ["velocity_B"]}, "study fig5 records no series"),
-        ("scenes", {"record": ["velocity"]}, "did you mean velocity_B"),
         ("scenes", {"numerical_damping": "newmark"}, "it must be one of published, none"),
         ("scenes", {"ramp": 0.0}, "ramp = 0"),
-        ("scenes", {"V": 0.0}, "V = 0"),
         ("fig7", {"duration": [0.1, 0.2]}, "duration: it decides the size"),
         ("table4", {"mode": 0}, "mode = 0: it must be a whole number from 1 to"),
         (5, {}, "STUDY = 5"),

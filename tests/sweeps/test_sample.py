@@ -114,15 +114,6 @@ def test_draws_are_coordinates_with_units_and_may_be_combined_with_axes(path):
     assert described == {"method": "sobol, seed 0", "mass": "norm(2.0, 0.1)"}
 
 
-def test_distributions_are_described_by_name_or_quantiles():
-    class Own:
-        def ppf(self, share):
-            return 2.0 * share
-
-    assert samples.described(stats.norm(loc=1, scale=2)) == "norm(loc=1, scale=2)"
-    assert samples.described(Own()).startswith("quantiles [0.002, 0.2, 0.5, 1.0")
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

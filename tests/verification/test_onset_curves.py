@@ -146,16 +146,6 @@ def test_onset_and_recovery_meet_in_a_fold(seed):
         assert apart(4e-7 * inwards) / apart(1e-7 * inwards) == pytest.approx(2.0, rel=0.1)
 
 
-@pytest.mark.slow
-def test_without_damping_curves_are_the_limit_of_damped_ones():
-    bare, light = (
-        onset_curves(Rig(d1=d1, d2=d2), np.linspace(0.5, 14.0, 4)) for d1, d2 in ((0, 0), (1e-3, 1e-13))
-    )
-    for one, other in zip(both(bare), both(light), strict=True):
-        assert one.ends == other.ends
-        assert one.lowest == pytest.approx(other.lowest, rel=1e-6)
-
-
 # Windows.
 @cache
 def found(rig, mu, fmax):
@@ -247,25 +237,3 @@ def test_windows_shrink_to_nothing_at_the_lowest_onset(papers):
         assert above.theta_from < theta < above.theta_to
         assert above.theta_to - above.theta_from == pytest.approx(2.0 * theta * np.sqrt(2.0 * share), rel=0.02)
         assert len(unstable_windows(Rig(), mu * (1.0 - share), low, high).theta_from) == 0
-
-
-@pytest.mark.slow
-def test_a_window_ends_where_a_pair_ceases_to_oscillate():
-    """At mu = 0.6 two of the paper's pairs become divergences and come back."""
-    windows = unstable_windows(Rig(), 0.6, 5.0, 30.0)
-    ends = [*windows.theta_to[windows.frequency_to == 0.0], *windows.theta_from[windows.frequency_from == 0.0]]
-    assert len(ends) == 2
-    for theta, inwards in zip(ends, (-1e-5, 1e-5), strict=True):
-        counts = growing(sliding_modes(Rig(), [theta + inwards, theta - inwards], 0.6))
-        assert counts[0] == counts[1] + 1
-
-
-@pytest.mark.slow
-def test_a_window_ends_where_a_growing_mode_leaves_the_band():
-    """At mu = 0.5 the pair that sets in near 2.8 kHz comes down below 2 kHz."""
-    narrow, wide = (unstable_windows(Rig(), 0.5, 8.0, 20.0, fmax) for fmax in (2e3, 10e3))
-    np.testing.assert_allclose([narrow.frequency_from[1], narrow.frequency_to[1]], 2e3, rtol=1e-9)
-    assert narrow.peak_growth_rate[1] == pytest.approx(wide.peak_growth_rate[1], rel=1e-9)
-    for theta in (narrow.theta_from[1], narrow.theta_to[1]):
-        modes = sliding_modes(Rig(), theta, 0.5)
-        assert np.min(np.abs(modes.frequency[modes.unstable] - 2e3)) < 1e-3

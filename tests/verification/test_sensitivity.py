@@ -1,71 +1,40 @@
-"""Derivatives of onsets: those of extended precision, what dimensions demand, limits of parameters, folds."""
+"""Derivatives of onsets: differences of onsets, what dimensions demand, limits of parameters, folds."""
 
 from dataclasses import replace
-from functools import cache, partial
 
 import numpy as np
 import pytest
 
 from fivcore import Rig, flutter_onsets, onset_curves, onset_sensitivity
 from studies.accuracy.rigs import drawn_scene
-from tests.helpers import extended_onsets as extended
+from studies.parameters import rig_numbers
 from tests.helpers.rigs import workshop_rig
 
 BARE = {"d1": 0.0, "d2": 0.0}
-DAMPINGS = [{}, *(pytest.param(each, marks=pytest.mark.slow) for each in (BARE, {"d1": 500.0, "d2": 2e-6}))]
-
-
-def coarse(rig):
-    """Fewer elements, none of which ends at the contact: elimination along many loses digits of the reference."""
-    return replace(rig, p1=replace(rig.p1, elements=8), p2=replace(rig.p2, elements=16))
-
-
-@cache
-def drawn(number):
-    scene = drawn_scene(2010, number)
-    return coarse(scene.rig), scene.theta
-
-
-def agree(mine, theirs, error, share):
-    """Normalised sensitivities agree, those below a share of the largest of a root as a part of that share."""
-    largest = np.max([np.abs(each) for each in mine.values()], axis=0)
-    for name, each in theirs.items():
-        size = np.maximum(np.abs(mine[name]), share * largest)
-        assert np.all(np.abs(each - mine[name]) < error * size), name
-    assert all(np.all(mine[name] == 0.0) for name in set(mine) - set(theirs))
-
-
-def onsets_agree(rig, theta, error, step):
-    mine, found = onset_sensitivity(rig, theta), flutter_onsets(rig, theta)
-    np.testing.assert_array_equal(mine.mu, found.mu)
-    np.testing.assert_array_equal(mine.frequency, found.frequency)
-    assert not np.any(mine.fold)
-    assert len(found.mu)
-    start = [2.0 * np.pi * found.frequency, found.mu]
-    theirs = extended.normalised(extended.numbers(rig, theta), partial(extended.onset_roots, rig), start, step)
-    for k, each in enumerate((mine.frequency_normalised, mine.mu_normalised)):
-        agree(each, {name: both[k] for name, both in theirs.items()}, error, 1e-3)
-    for name, p in extended.numbers(rig, theta).items():
-        np.testing.assert_allclose(mine.mu_gradient[name] * p, mine.mu_normalised[name] * mine.mu, rtol=1e-12)
-        slope, expected = mine.frequency_gradient[name] * p, mine.frequency_normalised[name] * mine.frequency
-        np.testing.assert_allclose(slope, expected, rtol=1e-12)
-
-
-@pytest.mark.parametrize("damping", DAMPINGS)
-def test_the_papers_onsets_follow_extended_precision(damping):
-    """On its mesh, which takes digits from the reference, and on a coarse one, which does not."""
-    onsets_agree(Rig(**damping), 5.0, 1e-6, 2e-4)
-    onsets_agree(coarse(Rig(**damping)), 5.0, 1e-7, 5e-5)
-
-
+# Rigs drawn at random, with and without damping.
 SOME = [*range(6), *(pytest.param(number, marks=pytest.mark.slow) for number in range(6, 20))]
 
 
+@pytest.mark.parametrize("damping", [{}, BARE])
 @pytest.mark.parametrize("number", SOME)
-def test_random_rigs_onsets_follow_extended_precision(number):
-    rig, theta = drawn(number)
-    onsets_agree(rig, theta, 1e-7, 5e-5)
-    onsets_agree(replace(rig, **BARE), theta, 1e-7, 5e-5)
+def test_derivatives_are_differences_of_onsets(number, damping):
+    scene, step = drawn_scene(2010, number), 1e-5
+    rig, theta = replace(scene.rig, **damping), scene.theta
+    mine, values = onset_sensitivity(rig, theta), rig_numbers(rig) | {"theta": theta}
+    assert len(mine.mu)
+    assert not np.any(mine.fold)
+
+    def changed(name, way):
+        numbers = values | {name: values[name] * (1.0 + way)}
+        angle = numbers.pop("theta")
+        found = flutter_onsets(Rig.of(**numbers), angle)
+        return np.stack([found.mu, found.frequency])
+
+    for name, of_mu in mine.mu_normalised.items():
+        slopes = (changed(name, step) - changed(name, -step)) / (2.0 * step * np.stack([mine.mu, mine.frequency]))
+        found = [of_mu, mine.frequency_normalised[name]]
+        np.testing.assert_allclose(found, slopes, rtol=1e-5, atol=1e-6, err_msg=name)
+        np.testing.assert_allclose(mine.mu_gradient[name] * values[name], of_mu * mine.mu, rtol=1e-12)
 
 
 def test_next_to_no_damping_is_none():
@@ -91,16 +60,19 @@ IDENTITIES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("law", IDENTITIES)
-@pytest.mark.parametrize("rig", [Rig(), Rig(**BARE), *map(workshop_rig, (1, 3, 5, 9, 14))])
-def test_scaled_rigs_scale(law, rig):
+def assert_scaling(onsets, atol):
     """Nothing changes, but rates and frequencies with the unit of time."""
-    theta, expected = 5.0 if rig.p1 == Rig().p1 else 9.0, float(law == "another unit of time")
-    onsets = onset_sensitivity(rig, theta)
-    for each, total in ((onsets.mu_normalised, 0.0), (onsets.frequency_normalised, expected)):
-        terms = [weight * each[name] for name, weight in IDENTITIES[law].items()]
-        size = 1.0 + np.sum(np.abs(terms), axis=0)
-        np.testing.assert_allclose(np.sum(terms, axis=0) / size, total / size, atol=1e-9)
+    for law, weights in IDENTITIES.items():
+        rate = float(law == "another unit of time")
+        for each, total in ((onsets.mu_normalised, 0.0), (onsets.frequency_normalised, rate)):
+            terms = [weight * each[name] for name, weight in weights.items()]
+            size = 1.0 + np.sum(np.abs(terms), axis=0)
+            np.testing.assert_allclose(np.sum(terms, axis=0) / size, total / size, atol=atol, err_msg=law)
+
+
+@pytest.mark.parametrize("rig", [Rig(), Rig(**BARE), *map(workshop_rig, (1, 3, 5, 9, 14))])
+def test_scaled_rigs_scale(rig):
+    assert_scaling(onset_sensitivity(rig, 5.0 if rig.p1 == Rig().p1 else 9.0), 1e-9)
 
 
 @pytest.mark.parametrize("theta", [5.0, 20.0])
@@ -121,12 +93,7 @@ def test_at_the_limit_of_a_parameter_the_derivative_is_that_towards_its_range():
     for theta in (7.0, 89.9):
         found = onset_sensitivity(rig, theta, 10e3, 1.0 if theta < 45.0 else 1e4)
         assert len(found.mu)
-        for law, weights in IDENTITIES.items():
-            expected = float(law == "another unit of time")
-            for each, total in ((found.mu_normalised, 0.0), (found.frequency_normalised, expected)):
-                terms = [weight * each[name] for name, weight in weights.items()]
-                size = 1.0 + np.sum(np.abs(terms), axis=0)
-                np.testing.assert_allclose(np.sum(terms, axis=0) / size, total / size, atol=1e-6)
+        assert_scaling(found, 1e-6)
         for name in ("d1", "d2"):
             np.testing.assert_array_equal(found.mu_normalised[name], 0.0)
 

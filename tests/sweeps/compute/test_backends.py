@@ -5,25 +5,19 @@ import signal
 import threading
 import time
 
-import distributed
 import numpy as np
 import pytest
 import xarray as xr
 from threadpoolctl import threadpool_info
 
-from sweeps import AbandonedError, Grid, Refinement, SchedulerError, SweepStoppedError, open_results, refined
+from sweeps import AbandonedError, Grid, Refinement, SweepStoppedError, open_results, refined
 from sweeps.plan import batches
 from sweeps.storage.store import Store
-from sweeps.task import one_blas_thread
 from tests.helpers.backends import assert_right, simple, visible
-from tests.helpers.processes.sweep_programs import end, finished_points, make, start, wait_for
+from tests.helpers.sweep_programs import end, finished_points, make, start, wait_for
 from tests.helpers.waves import stop_after
 
 SIZES = [{"BATCH_BYTES": 1.0}, {"GROWTH": 2, "SHORTEST": 1e-4}, {"BATCH_SECONDS": 1e-6}, {"PLACES": 1}]
-
-
-def pools():
-    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
 
 
 def test_every_back_end_gives_the_same_bits(path, scheduler):
@@ -75,24 +69,6 @@ def test_closures_run_with_one_blas_thread_everywhere(scheduler):
     np.testing.assert_array_equal(data["y"], 3.0 * data["x"])
 
 
-def test_the_limit_of_blas_threads_lasts_until_the_last_batch_ends():
-    before, is_held, is_done = pools(), threading.Event(), threading.Event()
-
-    def first():
-        with one_blas_thread():
-            is_held.set()
-            is_done.wait(10.0)
-
-    thread = threading.Thread(target=first)
-    thread.start()
-    is_held.wait(10.0)
-    with one_blas_thread():
-        is_done.set()
-        thread.join()
-        assert pools() <= {1}
-    assert pools() == before
-
-
 @pytest.mark.parametrize("workers", [1, 2, 5])
 def test_threads_compute_as_many_batches_at_a_time_as_there_are_workers(workers):
     now, counts = set(), []
@@ -133,16 +109,12 @@ def test_fail_fast_stops_at_the_first_failure_and_keeps_what_was_computed(path, 
     assert sweep.plan(path).cached == len(computed)
 
 
-def test_a_run_within_a_thread_and_within_a_worker(outside):
+def test_a_run_within_a_thread():
     results = []
     thread = threading.Thread(target=lambda: results.append(make().plan().run("threads", 2)))
     thread.start()
     thread.join()
     assert_right(results[0])
-    with distributed.Client(outside, set_as_default=False) as client:
-        assert_right(client.submit(lambda: make().plan().run("threads", 2), pure=False).result(60))
-        with pytest.raises(SchedulerError, match="a worker of another cluster cannot start workers; use threads"):
-            client.submit(lambda: make().plan().run("processes", 2), pure=False).result(60)
 
 
 # Ctrl-C: the first lets batches that have begun finish, the second stops at once.

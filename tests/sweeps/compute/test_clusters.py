@@ -21,7 +21,7 @@ from sweeps.plan import batches
 from sweeps.storage.parts import PartWriter
 from tests import HOME
 from tests.helpers.backends import INSIDE, assert_right, simple, visible
-from tests.helpers.processes.sweep_programs import make
+from tests.helpers.sweep_programs import make
 
 CODE = "def double(points):\n    return {{'y': {} * points['x']}}\n"
 ELSEWHERE = f"""
@@ -49,7 +49,7 @@ def test_a_point_that_kills_its_worker_fails_alone_and_costs_its_batch(path, mon
     assert_right(data, failed=(7.0, 22.0))
     assert data["error"].values[22] == "RuntimeError: the process that computed this point died"
     line = data["reproduce"].values[data["failure_x"].values.tolist().index(22.0)]
-    assert "from tests.helpers.processes.sweep_programs import powers; powers({'x'" in line
+    assert "from tests.helpers.sweep_programs import powers; powers({'x'" in line
     assert visible(path.parent) == [path.name]
     assert children() == before
 
@@ -82,7 +82,7 @@ def test_a_killed_worker_costs_its_batch_and_strangers_do_not_reach_the_cluster(
 
 @pytest.mark.slow
 def test_a_script_without_a_main_guard_gets_advice(tmp_path):
-    script, code = tmp_path / "script.py", "from tests.helpers.processes.sweep_programs import make\n"
+    script, code = tmp_path / "script.py", "from tests.helpers.sweep_programs import make\n"
     script.write_text(f"{code}make().plan().run('processes', 1)\n")
     own = {"env": os.environ | {"PYTHONPATH": str(HOME)}, "timeout": 100}
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, **own)

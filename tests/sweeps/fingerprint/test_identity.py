@@ -151,14 +151,6 @@ def test_a_run_in_another_environment_warns_and_is_listed(path, elsewhere):
         assert len(listed(sweep({"x": [4.0, 1.0]}).plan(path).run("sync"))) == 2
 
 
-@pytest.mark.usefixtures("small_pieces")
-def test_the_parts_of_an_interrupted_run_have_their_environments(path, elsewhere):
-    interrupted(sweep(MORE).plan(path), 2)
-    elsewhere()
-    with pytest.warns(MixedWarning, match=OTHER):
-        assert len(listed(sweep(MORE).plan(path).run("sync"))) == 2
-
-
 def test_a_library_that_the_code_imports_belongs_to_its_environment(path, tmp_path, monkeypatch, elsewhere):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "uses_mpmath.py").write_text("import mpmath\n\ndef f(points):\n    return points['x']\n")
@@ -182,7 +174,7 @@ with distributed.LocalCluster(n_workers=1, threads_per_worker=1, **{INSIDE}) as 
 """
 
 
-def test_workers_are_compared_when_a_run_starts_and_late_ones_at_its_end(path, tmp_path, monkeypatch):
+def test_workers_are_compared_when_a_run_starts(path, tmp_path):
     sweep(FIRST).plan(path).run("sync")
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen([sys.executable, "-c", WORKER], cwd=HOME, text=True, **pipes) as process:
@@ -195,9 +187,4 @@ def test_workers_are_compared_when_a_run_starts_and_late_ones_at_its_end(path, t
         # The process that submits computes nothing: this is one environment.
         alone = sweep(MORE).plan(tmp_path / "alone.nc", strict=True).run(address)
         assert [each["numpy"] for each in listed(alone)] == ["9.9"]
-        here = environment()
-        monkeypatch.setattr("sweeps.compute.cluster.Cluster.environments", lambda self, libraries: [here])
-        with pytest.warns(MixedWarning, match=OTHER) as seen:
-            sweep(MORE).plan(tmp_path / "late.nc").run(address)
-        assert len(seen) == 1
         process.stdin.close()

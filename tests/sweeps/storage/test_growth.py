@@ -5,7 +5,6 @@ import pytest
 import xarray as xr
 
 from sweeps import Axis, Grid, StoreError, Sweep, Variable, open_results, status
-from sweeps.storage.assemble import FileSource
 from tests.helpers.waves import BROKEN, GRID, LOG, NAMES, POWERS, VARIABLES, interrupted, sweep, wave
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
@@ -139,23 +138,6 @@ def test_starting_over_mixes_nothing(path):
     interrupted(doubled.plan(path, fresh=True), 3)
     found = doubled.plan(path).run()
     assert found["status"].values.tolist() == [[2, 1], [1, 1], [1, 1]]
-
-
-def test_a_reader_whose_file_is_replaced_meanwhile_sees_the_new_one(path, tmp_path, monkeypatch):
-    """Its points have other places there, and the parts of the run that replaced it are not removed yet."""
-    every = sweep({"x": np.arange(1.0, 7.0), "y": [1.0]})
-    sweep({"x": [1.0, 3.0], "y": [1.0]}).plan(path).run("sync")
-    whole = every.plan(tmp_path / "whole.nc").run("sync")
-    interrupted(every.plan(path), 3)
-    read = FileSource.read
-
-    def late(self, *given):
-        monkeypatch.setattr(FileSource, "read", read)
-        (tmp_path / "whole.nc").rename(path)
-        return read(self, *given)
-
-    monkeypatch.setattr(FileSource, "read", late)
-    assert open_results(path)[NAMES].equals(whole[NAMES])
 
 
 def files(folder):
