@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from fivcore import checks
-from fivcore.contact.reduced import Modify, full_model
+from fivcore.contact.reduced import Modify
 from fivcore.errors import InputError
 from fivcore.jit import Array
 from fivcore.rig import Scene
+from fivcore.structure import structure_of
 from fivcore.transient.normalised import Normalised, State, loading_time
 from fivcore.transient.statistics import SERIES, SETTLING, STICK, begin
 from fivcore.transient.until import Until
@@ -173,7 +174,8 @@ def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
         q, v = np.asarray(q), np.asarray(v)
     except (TypeError, ValueError):
         raise InputError("initial: it must be modal displacements, modal velocities and a contact state") from None
-    modes = len(full_model(scene.rig, scene.theta).stiffness)
+    own = structure_of(scene.rig, scene.theta)
+    modes = len(own.frequency)
     for name, part in (("displacements", q), ("velocities", v)):
         if part.shape != (modes,) or part.dtype.kind not in "iuf" or not np.all(np.abs(part) < 1e50):
             text = f"initial: modal {name} of shape {part.shape}: they must be {modes} finite numbers below 1e50"
@@ -182,4 +184,5 @@ def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
         raise InputError(f"initial: contact state {contact!r}: it must be 0 (separation), 1 (stick) or 2 (slip)")
     if normalised.sense < 0:
         raise InputError("initial: with V < 0 give the mirrored scene (scene.mirrored()) and its state")
-    return State(q.astype(float) / normalised.load, v.astype(float) / normalised.load, int(contact))
+    q, v = (np.pad(part.astype(float) / normalised.load, (0, own.static)) for part in (q, v))
+    return State(q, v, int(contact))

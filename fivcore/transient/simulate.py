@@ -221,6 +221,8 @@ def painleve_mu(
         usual = published.default_step(rig)
         tau = published.TAU / published.STEP * usual
         return published.painleve_mu(full_model(rig, theta), step or usual, beta2 or published.BETA2, tau)
+    if method == "exact" and step is not None:
+        raise InputError(f"step = {step:g}: method 'exact' does not use it here; leave it out")
     cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")
     model = modified(reduced_model(rig, theta, cutoff), modify)
     return model.painleve_mu(None if method == "exact" else step or model.default_step)

@@ -120,6 +120,8 @@ def begin(record: Any, settle: float | None, settling: float, least_stick: float
     record["settled_from"], record["settling"] = (0.0, settling) if settle is None else (settle, np.nan)
     record["least_stick"] = least_stick
     # `enter` sees changes only.
+    if contact == SEPARATION:
+        record["first_separation"] = 0.0
     if contact == SLIP:
         record["first_slip"] = 0.0
         if settle is None:

@@ -19,7 +19,7 @@ from fivcore import (
 )
 from fivcore.contact.reduced import default_cutoff, full_model, reduced_model
 from fivcore.rig import P1, P2, VALID
-from fivcore.transient import fast
+from fivcore.transient.fast import run as fast
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.fast.steady import steady_sliding
 from fivcore.transient.normalised import Normalised, loading_time
@@ -212,7 +212,7 @@ def test_coarse_meshes_run_whatever_is_left_above_the_cut_off(method, n1, n2):
 @pytest.mark.parametrize("method", ["fast", "exact", "paper"])
 def test_a_run_that_blows_up_says_so(method, monkeypatch):
     """Steps known to be unstable are refused beforehand; here a run is told that its energy has exploded."""
-    kind = {"fast": "fast.FastRun", "exact": "exact.ExactRun", "paper": "published.PaperRun"}[method]
+    kind = {"fast": "fast.run.FastRun", "exact": "exact.ExactRun", "paper": "published.PaperRun"}[method]
     energies = iter([1.0])
     monkeypatch.setattr(f"fivcore.transient.{kind}.stored_energy", lambda run: next(energies, 1e9))
     with pytest.raises(DivergenceError, match=r"blown up at t = .*; scene V = 0\.005 m/s") as caught:

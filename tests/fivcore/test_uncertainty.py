@@ -154,7 +154,7 @@ COUNTED += [
 @pytest.mark.parametrize(("method", "V", "duration", "given"), COUNTED)
 def test_blocks_hold_what_the_counters_do(method, V, duration, given, monkeypatch):
     kept = []
-    monkeypatch.setattr(driver, "Observer", lambda rate: kept.append(Observer(rate)) or kept[-1])
+    monkeypatch.setattr(driver, "Observer", lambda *given: kept.append(Observer(*given)) or kept[-1])
     summary = simulate(Scene(V, 5.0, 0.2, 9.0), duration, method, **given).summary
     (observer,) = kept
     blocks = observer.blocks

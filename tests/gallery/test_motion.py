@@ -23,7 +23,7 @@ def histories(computed):
 
 @pytest.fixture(scope="module")
 def contacts(computed):
-    return computed("contact", duration=0.8)
+    return computed("contact", duration=0.8, window=0.05)
 
 
 def test_first_slip_comes_when_the_clamp_has_moved_far_enough(histories):
