@@ -228,7 +228,8 @@ def penalised(model: ReducedModel) -> ReducedModel:
     """
     omega = float(np.sqrt(model.stiffness.max()))
     K = PENALTY * omega**2 * np.diag(1.0 / np.maximum(np.diag(model.W), 1e-3 * model.W.max()))
-    return replace(model, K=K, C=2.0 / (np.sqrt(PENALTY) * omega) * K)
+    # A little more than critical: two coincident eigenvalues would have no basis.
+    return replace(model, K=K, C=2.2 / (np.sqrt(PENALTY) * omega) * K)
 
 
 def states_at(

@@ -34,9 +34,7 @@ SUMMARY = {
         "flutter onsets, new rig: both bases built": "all flutter onsets of a new rig, one core",
         "growth rates at 251 x 201 (theta, mu)": "growth rates at 251 x 201 points (theta, mu), one core",
     },
-    "transient.second": {
-        "32 scenes at 2 mm/s, sticks skipped": "one simulated second at 2 mm/s, one of 32 scenes, one core"
-    },
+    "transient.second": {"2 mm/s": "one simulated second at 2 mm/s, one core"},
     "studies.commands": {
         "`regimes`, 40 x 40, to 0.005": "regimes at 40 x 40 points (V, mu), shares known to 0.005, two cores"
     },
