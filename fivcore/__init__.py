@@ -20,8 +20,8 @@ from fivcore.stability.tied import glued_frequencies, tune_head_mass
 from fivcore.structure import Structure
 from fivcore.transient.driver import Transient
 from fivcore.transient.normalised import State
+from fivcore.transient.options import Until
 from fivcore.transient.simulate import painleve_mu, simulate, simulate_many
-from fivcore.transient.until import Until
 
 __all__ = [
     "Beam", "ContactError", "DivergenceError", "FixedContactWarning", "FlutterOnsets", "InputError",

@@ -15,7 +15,6 @@ from fivcore.rig import Scene
 from fivcore.structure import structure_of
 from fivcore.transient.normalised import Normalised, State, loading_time
 from fivcore.transient.statistics import SERIES, SETTLING, STICK, begin
-from fivcore.transient.until import Until
 
 BOUNDS = {
     "duration": (1e-9, 1e6, "s"),
@@ -29,6 +28,38 @@ BOUNDS = {
 RATE = 100e3
 # Shortest long stick, in loading times.
 LONG_STICK = 0.2
+
+
+@dataclass(frozen=True)
+class Until:
+    """How long a run lasts: until its shares of time in stick, slip and separation are known well enough.
+
+    The run is checked after times that grow by a quarter, and ends where at two checks in a row no share has a
+    larger standard error (`observe.standard_errors`): one that is too small by chance does not end it. Statistics
+    last for at least 20 times the time in which the drive loads a stuck contact until it slips. Once steady
+    sliding is proved, or without slip the drive has moved 1.3 times what slips statically, `least` is enough.
+
+    Parameters
+    ----------
+    standard_error : float
+        Largest standard error of a share.
+    least, most : float
+        Shortest time that statistics last, s; longest simulated time, s, whatever else is asked.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, its value and what is allowed.
+    """
+
+    standard_error: float = 0.005
+    least: float = 0.3
+    most: float = 60.0
+
+    def __post_init__(self) -> None:
+        checks.between("standard_error", self.standard_error, 1e-6, 1.0, "1")
+        checks.between("most", self.most, 1e-9, 1e6, "s")
+        checks.between("least", self.least, 0.0, 1e6, "s")
 
 
 @dataclass(frozen=True, eq=False)

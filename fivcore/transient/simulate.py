@@ -26,8 +26,7 @@ from fivcore.rig import Rig, Scene, Structural, checked_theta
 from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
 from fivcore.transient.normalised import Normalised, State
-from fivcore.transient.options import law_options, options_for
-from fivcore.transient.until import Until
+from fivcore.transient.options import Until, law_options, options_for
 
 
 def simulate(

@@ -2,52 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from fivcore import checks
 from fivcore.transient.fast.data import MAX_SKIP
 from fivcore.transient.fast.steady import NEAR
 from fivcore.transient.normalised import loading_time
 from fivcore.transient.observe import LOADING_TIMES, Observer, degrees_of_freedom, errors_of_means
+from fivcore.transient.options import Until
 from fivcore.transient.summary import SLIP_DRIVE, STEADY_SPREAD
 
 # Each check is later than the last by this factor of the time since settling.
 LATER = 1.25
-
-
-@dataclass(frozen=True)
-class Until:
-    """How long a run lasts: until its shares of time in stick, slip and separation are known well enough.
-
-    The run is checked after times that grow by a quarter, and ends where at two checks in a row no share has a
-    larger standard error (`observe.standard_errors`): one that is too small by chance does not end it. Statistics
-    last for at least 20 times the time in which the drive loads a stuck contact until it slips. Once steady
-    sliding is proved, or without slip the drive has moved 1.3 times what slips statically, `least` is enough.
-
-    Parameters
-    ----------
-    standard_error : float
-        Largest standard error of a share.
-    least, most : float
-        Shortest time that statistics last, s; longest simulated time, s, whatever else is asked.
-
-    Raises
-    ------
-    ValueError
-        Naming the argument, its value and what is allowed.
-    """
-
-    standard_error: float = 0.005
-    least: float = 0.3
-    most: float = 60.0
-
-    def __post_init__(self) -> None:
-        checks.between("standard_error", self.standard_error, 1e-6, 1.0, "1")
-        checks.between("most", self.most, 1e-9, 1e6, "s")
-        checks.between("least", self.least, 0.0, 1e6, "s")
 
 
 class Watch:
