@@ -34,9 +34,8 @@ ACCURATE, LEAST = 1e-10, 1e-3
 EIGHT = 8
 # Samples that are evaluated together.
 ROUND = 64
-# Rows over the eigenvalues: the outputs N, velocity of B, T and closing; penetration and u_T one step earlier;
-# what N and T sum up to over all steps to come and the loss together with each of (p, u, 1, V); log z.
-OUTPUTS, EARLIER, SUMS, LOGARITHM = 4, 4, 6, 12
+# The outputs N, velocity of B, T and closing.
+OUTPUTS = 4
 
 
 class SkipTables(NamedTuple):
@@ -46,11 +45,15 @@ class SkipTables(NamedTuple):
     of c numbers come first, then imaginary parts, negative in what amplitudes are multiplied with.
     """
 
-    # Outputs and the other rows named above, (13, 2 c).
-    values: Array
+    # Over the eigenvalues: outputs (4, 2 c); penetration and u_T one step earlier (2, 2 c); what N and T sum up to
+    # over all steps to come and the loss together with each of (p, u, 1, V), (6, 2 c); log z, (2 c,).
+    outputs: Array
+    earlier: Array
+    sums: Array
+    logarithm: Array
     # Bounds of N, T and the closing, (6, c): off a straight line between two samples; off the line at any time.
     moduli: Array
-    # Powers of z at ROUND samples, (2 c, ROUND).
+    # Powers of z at ROUND samples, (ROUND, 2 c).
     powers: Array
     # Loss over all steps to come as a quadratic form of the amplitudes, (2 c, 2 c).
     form: Array
@@ -59,7 +62,7 @@ class SkipTables(NamedTuple):
     # penetration and u_T, (6, 5); and the loss in a step as a quadratic form of the four, (4, 5).
     affine: Array
     losses: Array
-    # Amplitudes of the eigenvectors in x, and the x of amplitudes, (2 c, 2 m).
+    # Amplitudes of the eigenvectors in x, (2 c, 2 m), and the x of amplitudes, (2 m, 2 c).
     into: Array
     back: Array
     # The line in x, (2 m, 5), and the gaps of x with their rates, (4, 2 m).
@@ -68,7 +71,7 @@ class SkipTables(NamedTuple):
 
 
 # Tables of a run without skips.
-NONE = SkipTables(*(np.zeros((0, 0)) for _ in SkipTables._fields))
+NONE = SkipTables(*(np.zeros(0 if name == "logarithm" else (0, 0)) for name in SkipTables._fields))
 
 
 @lru_cache(maxsize=64)
@@ -152,19 +155,21 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     bend = np.minimum(2.0, 0.125 * np.abs(sample_every * np.log(z)) ** 2)
     moduli = np.abs(outputs[[0, 2, 3]])
     moduli = np.pad(np.vstack([bend * moduli, moduli]), ((0, 0), (0, empty)))
-    values = rows_of(np.vstack([outputs, earlier[:, :count], sums, both, np.log(z)]))
     powers = np.cumprod(np.vstack([np.ones_like(z), *[z**sample_every] * (ROUND - 1)]), axis=0)
     # Conjugate: amplitudes are real and imaginary parts, what they are multiplied with has the latter negative.
     way_in, way_back = rows_of(into.conj().T).T, rows_of(vectors).T
     tables = SkipTables(
-        values=values,
+        outputs=rows_of(outputs),
+        earlier=rows_of(earlier[:, :count]),
+        sums=rows_of(np.vstack([sums, both])),
+        logarithm=rows_of(np.log(z)[None])[0],
         moduli=moduli,
-        powers=rows_of(powers).T,
+        powers=rows_of(powers),
         form=form,
         affine=affine,
         losses=lost,
         into=over_modes(way_in),
-        back=over_modes(way_back),
+        back=over_modes(way_back).T,
         drift=over_modes(line.T).T,
         shapes=over_modes(np.kron(np.eye(2), gaps)),
     )
@@ -173,32 +178,23 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
 
 def workspace_for(tables: SkipTables) -> Array:
     """Vectors for a skip with these tables."""
-    return np.zeros((8 + OUTPUTS, max(ROUND, tables.values.shape[1], len(tables.drift))))
+    return np.zeros((8 + OUTPUTS, max(ROUND, len(tables.logarithm), len(tables.drift))))
 
 
 @reordered_call
-def multiply(matrix: Any, vector: Any, out: Any) -> None:
-    """Write the product of a matrix and a vector."""
+def multiply(matrix: Any, vector: Any, out: Any, more: float = 0.0) -> None:
+    """Write the product of a matrix and a vector, plus `more` times what is there."""
     for i in range(len(matrix)):
-        total = 0.0
+        total = more * out[i] if more != 0.0 else 0.0
         for j in range(matrix.shape[1]):
             total += matrix[i, j] * vector[j]
         out[i] = total
 
 
 @reordered_call
-def combine(matrix: Any, weights: Any, out: Any) -> None:
-    """Add the weighted sum of the rows of a matrix, a multiple of four, to a vector."""
-    for i in range(0, len(matrix), 4):
-        a, b, c, d = weights[i], weights[i + 1], weights[i + 2], weights[i + 3]
-        for j in range(matrix.shape[1]):
-            out[j] += a * matrix[i, j] + b * matrix[i + 1, j] + c * matrix[i + 2, j] + d * matrix[i + 3, j]
-
-
-@reordered_call
 def rotate(factors: Any, vector: Any, out: Any) -> None:
     """Write the product of complex amplitudes and factors; imaginary parts of factors are stored negative."""
-    count = len(factors) // 2
+    count = len(vector) // 2
     for k in range(count):
         a, b = factors[k], -factors[count + k]
         re, im = vector[k], vector[count + k]
@@ -221,11 +217,11 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
     scene.next_skip = now + 2 * at.MIN_SAMPLES * every
     if now + every > last:
         return
-    values, moduli, powers, affine = tables.values, tables.moduli, tables.powers, tables.affine
-    twice, size = values.shape[1], tables.drift.shape[0]
+    outputs, moduli, powers, affine = tables.outputs, tables.moduli, tables.powers, tables.affine
+    twice, size = len(tables.logarithm), len(tables.drift)
     half = size // 2
-    x, y, initial, other, result = work[0, :size], work[1], work[2], work[3], work[4]
-    weights, starts, slopes, sampled = work[5, :5], work[6], work[7], work[8 : 8 + OUTPUTS, :ROUND]
+    x, y, initial, other, result = work[0, :size], work[1, :twice], work[2, :twice], work[3, :twice], work[4]
+    weights, starts, slopes, sampled = work[5, :5], work[6], work[7], work[8 : 8 + OUTPUTS]
     step, speed = scene.step, scene.speed
     # A first slip that is waited for comes with a share of mu N.
     mu = min(scene.threshold, scene.mu)
@@ -242,7 +238,7 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
         x[j] = modes[k + at.Q * at.BLOCK] - x[j]
         x[half + j] = modes[k + at.V * at.BLOCK] - x[half + j]
     multiply(tables.into, x, initial)
-    rotate(powers[:, 0], initial, y)
+    rotate(powers[0], initial, y)
     goal, far, largest, total = now, ROUND - 1, 0.0, 0.0
     while far == ROUND - 1:
         # Amplitudes only shrink: what bounds them here does so at all samples to come.
@@ -259,8 +255,8 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
         for r in range(2 if certain else 4):
             for m in range(ROUND):
                 sampled[r, m] = starts[r] + slopes[r] * (goal - now + m * every)
-            rotate(values[r], y, other)
-            combine(powers, other, sampled[r])
+            rotate(outputs[r], y, other)
+            multiply(powers, other, sampled[r], 1.0)
         far = -1
         for m in range(min(ROUND, (last - goal) // every + 1)):
             N, T, C = sampled[0, m], sampled[2, m], sampled[3, m]
@@ -280,7 +276,7 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
             largest = max(largest, N)
         scene.samples += far
         goal += far * every
-        rotate(powers[:, far], y, y)
+        rotate(powers[far], y, y)
     if goal == now:
         return
     steps = float(goal - now)
@@ -294,7 +290,7 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
     for j in range(twice):
         lost += result[j] * sums[j]
     multiply(tables.losses, weights, result)
-    multiply(values[SUMS:LOGARITHM], other, sums)
+    multiply(tables.sums, other, sums)
     for i in range(4):
         lost += weights[i] * (sums[2 + i] + steps * result[i])
     pairs = 0.5 * steps * (steps - 1.0)
@@ -304,12 +300,12 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
     scene.stick_time += step * steps
     scene.max_N = max(scene.max_N, largest)
     # State after the last step.
-    multiply(values[EARLIER:SUMS], y, result)
+    multiply(tables.earlier, y, result)
     scene.u_N = result[0] + starts[4] + slopes[4] * (steps - 1.0)
     scene.u_T = result[1] + starts[5] + slopes[5] * (steps - 1.0)
     weights[4] = speed * steps
     multiply(tables.drift, weights, x)
-    combine(tables.back, y, x)
+    multiply(tables.back, y, x, 1.0)
     for j in range(half):
         k = j // at.BLOCK * at.BLOCK_SIZE + j % at.BLOCK
         modes[k + at.Q * at.BLOCK], modes[k + at.V * at.BLOCK] = x[j], x[half + j]
@@ -319,11 +315,11 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
     while scene.next_row < goal:
         past = float(scene.next_row - now)
         for k in range(twice // 2):
-            angle = values[LOGARITHM, twice // 2 + k] * past
-            factor = np.exp(values[LOGARITHM, k] * past)
+            angle = tables.logarithm[twice // 2 + k] * past
+            factor = np.exp(tables.logarithm[k] * past)
             other[k], other[twice // 2 + k] = factor * np.cos(angle), factor * np.sin(angle)
-        rotate(other[:twice], initial, y)
-        multiply(values[:OUTPUTS], y, result)
+        rotate(other, initial, y)
+        multiply(outputs, y, result)
         for r in range(OUTPUTS):
             result[r] += starts[r] + slopes[r] * past
         place = scene.rows
