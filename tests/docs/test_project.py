@@ -129,10 +129,10 @@ def test_studies_are_loaded_without_matplotlib():
     [
         ("fivcore", (".py",), 6950),
         ("sweeps", (".py",), 4510),
-        ("studies", (".py",), 10_250),
+        ("studies", (".py",), 10_500),
         ("studies", (".js", ".css", ".j2"), 500),
         ("tests/sweeps", (".py",), 3090),
-        ("tests", (".py",), 15_700),
+        ("tests", (".py",), 15_800),
     ],
 )
 def test_code_stays_within_its_bounds(folder, suffixes, lines):
