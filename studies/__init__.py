@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     import xarray as xr
 
+    from fivcore import Structure
     from studies.study import Study
     from sweeps import Plan, Progress
 
@@ -35,6 +36,7 @@ def run(
     seed: int | None = None,
     sampling: str | None = None,
     points: str | Path | Mapping[str, Any] | None = None,
+    rig: Structure | str | Path | None = None,
     **parameters: Any,
 ) -> xr.Dataset:
     """Run a study, store its netCDF file and figure in the results folder, and return its dataset.
@@ -55,17 +57,23 @@ def run(
         Number of draws, their seed, and "sobol", "latin" or "random"; by default 1024, 0 and "sobol".
     points : path or mapping
         Rows to compute instead of a grid: a CSV file, or columns by name.
+    rig : Structure or path
+        A `fivcore.Structure` in place of the paper's rig, its TOML file, or a result of it.
     **parameters
         A number in SI, a word, a list, or text as on the command line: ``V="1,2mm/s"``, ``mu="0:0.5:101"``,
         ``p1_length="normal:50:0.1mm"``.
 
     A wrong name or value is a `ValueError`, an unusable folder a `sweeps.StoreError`; nothing is written then.
     """
+    from dataclasses import replace
+
     from studies import registry, runner
-    from studies.request import Request
+    from studies.request import Request, structure_of
 
     one = registry.resolve(study)
     request = Request("", parameters, points, tuple(record), sample_rate, samples, seed, sampling)
+    if rig is not None:
+        request = replace(request, structure=structure_of(rig))
     return _executed(one, runner.plan(one, request, out, fresh=fresh), scheduler, workers, progress)
 
 
@@ -84,7 +92,7 @@ def map(
     `x` and `y` are as on the command line, ``"theta=-10:20:61"``; `quantity` has one or several names of `fiv map
     --help`; `fix` has other parameters, as `run` takes them: ``{"theta": 8, "p1_length": "60mm"}``. Intervals are
     halved `refine` times where the quantity changes, and interpolated where the estimated error is at most
-    `tolerance`, relative to the range of the values. Other options and errors are those of `run`.
+    `tolerance`, relative to the range of the values. Other options, such as `rig`, and errors are those of `run`.
     """
     from studies.gallery import maps
 

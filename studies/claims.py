@@ -11,7 +11,7 @@ import numpy as np
 from studies import labels, paper
 from studies.nearest import nearest
 from studies.parameters import RIG
-from studies.results import settings
+from studies.results import settings, structure_in
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,7 +61,8 @@ def is_papers_point(dataset: xr.Dataset, **point: float) -> bool:
 
 def rig_text(dataset: xr.Dataset) -> str:
     """The addition to a title of a result of another rig."""
-    return "" if is_papers_rig(dataset) else " (not the paper's rig)"
+    own = "an own structure" if structure_in(dataset) else "not the paper's rig"
+    return "" if is_papers_rig(dataset) else f" ({own})"
 
 
 def beside(dataset: xr.Dataset, claims: Sequence[Claim]) -> pd.DataFrame:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from collections.abc import Mapping
@@ -12,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import sweeps
+from fivcore import Structure
 from studies import spec
 from studies.parameters import USUAL, suggest
-from studies.results import configuration, expanded, settings
+from studies.results import configuration, expanded, open_dataset, settings, structure_in
 from studies.units import convert
 from sweeps import InputError
 
@@ -34,6 +36,8 @@ KEYS: dict[str, tuple[tuple[type, ...], str]] = {
     **dict.fromkeys(("samples", "seed", "workers"), ((int,), "a whole number")),
 }
 DRAWS = ("samples", "seed", "sampling")
+# A file with one of these is of a structure (`fivcore.Structure.read`).
+STRUCTURE = ("mass", "stiffness", "modes", "mode")
 MOST_ROWS = 1_000_000
 
 
@@ -42,7 +46,8 @@ class Request:
     """The request of a run: the study, and what the options of the command line say.
 
     `values` has by parameter a SPEC, a distribution (`normal:0.2:0.02`), a word, a number, or a list of these;
-    `points` is a CSV file, or columns by name, whose rows are the points.
+    `points` is a CSV file, or columns by name, whose rows are the points; `structure` is `Structure.to_dict` of
+    one in place of the rig.
     """
 
     study: str = ""
@@ -55,6 +60,7 @@ class Request:
     sampling: str | None = None
     scheduler: str | None = None
     workers: int | None = None
+    structure: Mapping[str, Any] | None = None
 
     def over(self, other: Request) -> Request:
         """The values of this request, and those of another where this one has none."""
@@ -81,6 +87,7 @@ class Request:
         """Arguments of `Study.sweep` besides the values."""
         table = None if self.points is None else rows(study, self.points)
         how: dict[str, Any] = {"record": self.record, "sample_rate": self.sample_rate, "rows": table}
+        how["structure"] = self.structure
         drawn = any(is_distribution(value) for value in self.values.values())
         for name in DRAWS:
             if (value := getattr(self, name)) is not None and name not in study.parameters:
@@ -135,13 +142,34 @@ def assignment(text: str, option: str = "--set") -> tuple[str, str]:
     return name.strip(), value.strip()
 
 
-def read(file: str | Path) -> Request:
-    """The request of a TOML file; an `InputError` says what is wrong with it."""
+def structure_of(rig: Structure | str | Path) -> dict[str, Any]:
+    """`to_dict` of a structure, of its TOML file, or of the structure of a result's file."""
+    if isinstance(rig, Structure):
+        return rig.to_dict()
+    if Path(rig).suffix == ".nc":
+        if not (found := structure_in(open_dataset(os.fspath(rig)))):
+            raise InputError(f"{rig}: it is the result of a rig; give one of a structure")
+        return found
+    try:
+        return Structure.read(path := expanded(rig)).to_dict()
+    except ValueError as problem:
+        raise InputError(f"{rig}: {str(problem).removeprefix(f'{path}: ')}") from None
+
+
+def read(file: str | Path, option: str = "--config") -> Request:
+    """The request of a TOML file, or with the structure of one; an `InputError` says what is wrong with it."""
+    if Path(file).suffix == ".nc":
+        return Request(structure=structure_of(file))
     try:
         content = tomllib.loads(expanded(file).read_text("utf-8"))
+        if not content.keys().isdisjoint(STRUCTURE):
+            return Request(structure=structure_of(file))
         for key, value in content.items():
             if key not in KEYS:
-                raise InputError(f"{key}: no such key; {suggest(key, KEYS)}the keys are {', '.join(KEYS)}")
+                raise InputError(
+                    f"{key}: no such key; {suggest(key, KEYS)}the keys are {', '.join(KEYS)}; of a structure "
+                    f"{' or '.join(STRUCTURE)}"
+                )
             kinds, allowed = KEYS[key]
             if not isinstance(value, kinds) or isinstance(value, bool):
                 raise InputError(f"{key} = {value!r}: it must be {allowed}")
@@ -152,11 +180,11 @@ def read(file: str | Path) -> Request:
             raise InputError(f"{name}: it is in set and in scatter; give one of the two")
         return Request(**{**content, "values": values | scatter, "record": tuple(content.get("record", ()))})
     except OSError as problem:
-        raise InputError(f"--config {file}: it cannot be read: {problem.strerror}") from None
+        raise InputError(f"{option} {file}: it cannot be read: {problem.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
-        raise InputError(f"--config {file}: it is not TOML: {problem}") from None
+        raise InputError(f"{option} {file}: it is not TOML: {problem}") from None
     except InputError as problem:
-        raise InputError(f"--config {file}: {problem}") from None
+        raise InputError(f"{option} {file}: {str(problem).removeprefix(f'{file}: ')}") from None
 
 
 def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Request:
@@ -177,7 +205,8 @@ def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Request:
     if "sample" in dataset.dims:
         how["samples"] = dataset.sizes["sample"]
     rate = constants.get("sample_rate") if record and "sample_rate" not in values else None
-    return Request(configured["name"], values, points, record, rate, **how)
+    structure = structure_in(dataset) or None
+    return Request(configured["name"], values, points, record, rate, structure=structure, **how)
 
 
 def rows(study: Study, points: Any) -> dict[str, Any]:

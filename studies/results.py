@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import sweeps
-from fivcore import Rig
+from fivcore import Rig, Structure
 from studies.parameters import RIG
 from sweeps import InputError, MissingFileError
 
@@ -159,8 +159,16 @@ def _fixed(dataset: xr.Dataset) -> dict[str, Any]:
     return fixed
 
 
-def rig_of(dataset: xr.Dataset) -> Rig:
-    """The rig of a result, or an `InputError` that names a number which varies or is not in the file."""
+def structure_in(dataset: xr.Dataset) -> dict[str, Any]:
+    """The structure of a result, as `fivcore.Structure.to_dict`, with its `name`; {} of a result of beams."""
+    structure: dict[str, Any] = configuration(dataset).get("constants", {}).get("structure") or {}
+    return structure
+
+
+def rig_of(dataset: xr.Dataset) -> Any:
+    """The rig or structure of a result; an `InputError` names a number which varies or is not in the file."""
+    if structure := structure_in(dataset):
+        return Structure.from_dict(structure)
     for name in RIG:
         if name not in dataset.coords or dataset[name].ndim:
             what = "varies" if name in dataset.coords else "is not in the file"

@@ -52,7 +52,7 @@ class RunResult:
         """A line where a point moves P2 further than a fixed contact point is right for; "" elsewhere."""
         data, known = self.dataset, ("simulated_time", "duration", "max_duration")
         time = next((data[name] for name in known if name in data), None)
-        if time is None or "V" not in data:
+        if time is None or "V" not in data or "p2_length" not in data:
             return ""
         moved = float((np.abs(data["V"]) * time / data["p2_length"]).max())
         return fixed_contact(moved) if moved > FIXED else ""
@@ -92,21 +92,22 @@ def plan(
     lines = [line.partition("; ")[0] if request.bears_unit(line.partition(" ")[0]) else line for line in lines]
     remark = warn_unusual(lines, strict=strict)
     # A study of a user's file has no command for one of its points.
-    named = one.name in registry.NAMES
+    named, rig = one.name in registry.NAMES, file if request.structure else None
     sweep = replace(
         sweep,
         request={**sweep.request, **request.stored()},
         remark=remark,
-        rerun=partial(rerun, one.name, dict(values)) if named else None,
+        rerun=partial(rerun, one.name, dict(values), rig=rig) if named else None,
     )
     return sweep.plan(file, fresh=fresh, retry_failed=retry_failed, strict=strict)
 
 
-def rerun(study: str, values: Mapping[str, Any], point: Mapping[str, Any]) -> str:
-    """The command that computes one point of a study again."""
+def rerun(study: str, values: Mapping[str, Any], point: Mapping[str, Any], rig: Path | None = None) -> str:
+    """The command that computes one point of a study again; `rig` is the file of a result with its structure."""
     chosen = {name: value for name, value in values.items() if np.ndim(value) == 0 and not hasattr(value, "ppf")}
     chosen |= {name: value for name, value in point.items() if name not in ("sample", "row")}
     options = [word for name, value in chosen.items() for word in ("--set", f"{name}={typed(value)}")]
+    options += ["--rig", str(rig)] if rig else []
     return shlex.join(["fiv", "run", study, *options, "--scheduler", "sync", "--out", "again", "--fresh"])
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import Rig, Scene, flutter_onsets, sliding_modes, unstable_windows
+from fivcore import Rig, Scene, Structure, flutter_onsets, sliding_modes, unstable_windows
 from studies import summary
 from studies.labels import number
 from studies.motion.run import BAND
@@ -39,12 +39,14 @@ INTERVALS = {
 MIRRORED = {"from": "to", "to": "from"}
 
 
-def largest_growth(rig: Rig, theta: Any, mu: Any, fmax: float = BAND) -> tuple[Array, Array, Array]:
+def largest_growth(rig: Any, theta: Any, mu: Any, fmax: float = BAND) -> tuple[Array, Array, Array]:
     """Growth rate and frequency of the least stable mode, and the number of unstable modes, with V > 0.
 
-    theta and mu broadcast; only modes below `fmax` count. 1/s and Hz, NaN where the band has no mode; a pair of
-    which one mode grows and one decays counts once.
+    `rig` is a Rig, or a Structure, which has no theta. theta and mu broadcast; only modes below `fmax` count. 1/s
+    and Hz, NaN where the band has no mode; a pair of which one mode grows and one decays counts once.
     """
+    if isinstance(rig, Structure):
+        mu, theta = np.broadcast_arrays(mu, theta)[0], 0.0
     modes = sliding_modes(rig, theta, mu, fmax)
     growth = np.where(np.isnan(modes.growth_rate), -np.inf, modes.growth_rate)
     if not growth.shape[-1]:
@@ -55,7 +57,7 @@ def largest_growth(rig: Rig, theta: Any, mu: Any, fmax: float = BAND) -> tuple[A
     return rate, frequency, np.count_nonzero(modes.unstable, axis=-1)
 
 
-def first_growth(rig: Rig, theta: float, fmax: float, largest: float) -> tuple[float, float]:
+def first_growth(rig: Any, theta: float, fmax: float, largest: float) -> tuple[float, float]:
     """Lowest mu up to `largest` from which a pair below `fmax` is unstable, and its frequency, Hz; or NaN.
 
     That is at a flutter onset, or at the top of the band, which an unstable pair enters.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import checks
+from fivcore import Structure, checks
 from studies.motion import scenes, series
 from studies.parameters import RIG, SCENE, Parameter, suggest
 from studies.results import is_usual, settled
@@ -68,6 +68,8 @@ class Study:
         `Variable.scale` "load" or "along" names the factor of a point.
     chaotic : bool
         The motion is chaotic: another processor changes digits, and only statistics can be compared.
+    beams : bool
+        It is about the paper's two beams: structures of one's own are refused.
     """
 
     name: str
@@ -85,6 +87,7 @@ class Study:
     check: Callable[..., None] | None = field(default=None, kw_only=True)
     normalised: bool = field(default=False, kw_only=True)
     chaotic: bool = field(default=False, kw_only=True)
+    beams: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
         takes = set(inspect.signature(self.function).parameters)
@@ -153,6 +156,7 @@ class Study:
         samples: int = SAMPLES,
         seed: int = SEED,
         sampling: str = SAMPLING,
+        structure: Mapping[str, Any] | None = None,
     ) -> Sweep:
         """The sweep over the requested points.
 
@@ -166,6 +170,8 @@ class Study:
             Series to keep, and their sampling rate, Hz.
         samples, seed, sampling : int, int, str
             Number of draws, seed and method (`sweeps.Sample`).
+        structure : mapping, optional
+            `fivcore.Structure.to_dict` of one in place of the rig, whose parameters are left out; theta is 0.
 
         Raises
         ------
@@ -178,10 +184,14 @@ class Study:
         for name in columns:
             if name in requested:
                 raise InputError(f"{name}: it is a column of the points already; give one of the two")
+        parameters, fixed = self.parameters, dict[str, Any]()
+        if structure is not None:
+            parameters = self._without_beams({**requested, **columns})
+            own = Structure.from_dict(structure)
+            fixed["structure"] = {"name": repr(own), **own.to_dict()}
         # In the study's order, so that the order of a request changes nothing.
-        default = {name: parameter.default for name, parameter in self.parameters.items()}
+        default = {name: parameter.default for name, parameter in parameters.items()}
         chosen = {name: requested.get(name, value) for name, value in default.items() if name not in columns}
-        fixed: dict[str, Any] = {}
         if draws and "distributions" in self.takes:
             fixed["distributions"] = {name: draw.text for name, draw in draws.items()}
             chosen |= {name: default[name] for name in draws}
@@ -237,6 +247,24 @@ class Study:
         if parameter.choices or parameter.is_whole or parameter.inner:
             raise InputError(f"{name} = {value.text}: it has no distribution; give it values")
         return value
+
+    def _without_beams(self, requested: Mapping[str, Any]) -> dict[str, Parameter]:
+        """The parameters with a structure of one's own: theta is 0, and a rig has no numbers."""
+        if self.beams or not self.takes & {"rig", "scenes"}:
+            taking = "fig5, stability, regimes, scenes, stick_time, contact and most maps"
+            raise InputError(
+                f"rig: study {self.name} needs the paper's beams, which a structure has not; {taking} take it"
+            )
+        for name, value in requested.items():
+            text = f"{name} = {getattr(value, 'text', None) or checks.short(value)}"
+            if name in RIG:
+                raise InputError(f"{text}: a structure has no such number; leave it out, or change its file")
+            if name == "theta" and (hasattr(value, "ppf") or np.any(value)):
+                raise InputError(f"{text}: the modes of a structure have their inclination already; leave it out")
+        left = {name: parameter for name, parameter in self.parameters.items() if name not in RIG}
+        if theta := left.get("theta"):
+            left["theta"] = replace(theta, default=np.zeros(1) if theta.is_axis else 0.0)
+        return left
 
     def _column(self, name: str, values: Any) -> NDArray[Any]:
         """The values of a column, in their order."""
@@ -317,6 +345,8 @@ class Study:
 
     def _check(self, grid: Grid, fixed: Mapping[str, Any], inner: Mapping[str, Axis]) -> None:
         """Build the rig or the scene at the values of each dimension, the others at their first ones."""
+        if "structure" in fixed:
+            fixed = {**fixed, "structure": scenes.rig_of(fixed)}
         problems: list[Exception] = []
         for row, (place, numbers) in enumerate(_rows(grid)):
             try:
@@ -330,9 +360,8 @@ class Study:
         if self.check is not None:
             values = {**fixed, **{name: axis.values for name, axis in {**grid.axes, **inner}.items()}}
             if "rig" in inspect.signature(self.check).parameters:
-                values["rig"] = scenes.rig_of(
-                    {name: np.ravel(value)[0].item() for name, value in values.items() if name in RIG}
-                )
+                numbers = {name: np.ravel(value)[0].item() for name, value in values.items() if name in RIG}
+                values["rig"] = scenes.rig_of({"structure": values.get("structure"), **numbers})
             try:
                 self.check(**_chosen(inspect.signature(self.check).parameters, values))
             except ValueError as problem:

@@ -11,7 +11,7 @@ import numpy as np
 
 from studies import claims, labels
 from studies.parameters import RIG, SCENE
-from studies.results import settings
+from studies.results import settings, structure_in
 from sweeps import DONE, FAILED
 
 if TYPE_CHECKING:
@@ -77,6 +77,8 @@ def fixed_text(study: Study, dataset: xr.Dataset) -> str:
     defaults = {name: parameter.default for name, parameter in study.parameters.items()}
     named = [name for name, value in values.items() if name in SCENE or value != defaults.get(name, value)]
     text = [labels.named(name, values[name], str(dataset[name].attrs.get("units", "1"))) for name in named]
+    if structure := structure_in(dataset):
+        text.append(structure["name"])
     if set(RIG) <= set(values) and claims.is_papers_rig(dataset):
         text.append("the paper's rig")
     return f"At {', '.join(text)}." if text else f"{study.title}."

@@ -145,4 +145,5 @@ STUDY = Study(
     coords=coords,
     check=check,
     chaotic=True,
+    beams=True,
 )

@@ -74,17 +74,19 @@ def _values(standard_error: float | None, options: dict[str, Sequence[str]]) -> 
 
 def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study, Plan, Request, list[str]]:
     """Study, plan, request and warnings. Options win over a file, and that over a result given as STUDY."""
+    from fivcore import Structure
     from studies import registry, request, results, runner
     from sweeps import InputError, check_free
 
     assigned = {"--set": options.pop("assignments"), "--scatter": options.pop("scatter")}
     values = _values(options.pop("standard_error"), assigned)
-    config, record, out = (options.pop(name) for name in ("config", "record", "out"))
+    config, rig, record, out = (options.pop(name) for name in ("config", "rig", "record", "out"))
     how = {name: options.pop(name) for name in ("fresh", "retry_failed", "strict")}
     names = () if record is None else tuple(name.strip() for name in record.split(","))
     wanted = request.Request(values=values, record=names, **options)
-    if config is not None:
-        wanted = wanted.over(request.read(config))
+    for option, path in (("--rig", rig), ("--config", config)):
+        if path is not None:
+            wanted = wanted.over(request.read(path, option))
     name, file = study, None
     if results.is_path(study):
         with results.reading(results.results_file(study)):
@@ -94,10 +96,10 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
             file = results.results_folder(out) / results.MAPS / Path(study).name
     one = registry.resolve(name)
     if wanted.study not in ("", one.name, study):
-        raise InputError(f"--config {config}: study = {wanted.study!r}: STUDY is {one.name}; leave one out")
+        raise InputError(f"{config or rig}: study = {wanted.study!r}: STUDY is {one.name}; leave one out")
     if writing:
         check_free(file or results.file_of(one.name, out))
-    lines = list[str]()
+    lines = [f"rig             {Structure.from_dict(wanted.structure)!r}"] if wanted.structure else []
     with warned(lines.append):
         planned = runner.plan(one, wanted, out, file=file, **how)
     return one, planned, wanted, lines

@@ -46,10 +46,12 @@ STORED = (
 )
 SPECS = "mu=0.2, V=1,2mm/s, mu=0:0.5:101 (start:stop:count), mu=log:1e-3:1:30, V=auto, a word, a distribution"
 KEYS = "set and scatter (tables), study, points, record, sample_rate, samples, seed, sampling, scheduler, workers"
+RIG = option("--rig", metavar="FILE.toml", help="An own structure (fiv structure), or a file as for --config.")
 # Options of `plan` and `run`: the points.
 POINTS = (
     option("--set", "assignments", multiple=True, metavar="NAME=SPEC", help=f"Values of a parameter: {SPECS}."),
-    option("--config", "--rig", "config", metavar="FILE.toml", help=f"Keys {KEYS}. Options win."),
+    option("--config", metavar="FILE.toml", help=f"Keys {KEYS}. Options win."),
+    RIG,
     *DRAWS,
     option("--sampling", metavar="METHOD", help="sobol (the default), latin or random."),
     option("--points", metavar="FILE.csv", help="Rows to compute; heads are parameters, like p1_thickness [mm]."),
@@ -70,6 +72,7 @@ MAP = (
     option("--x", required=True, metavar="NAME=SPEC", help="Axis across: theta=-10:20:61 or V=log:2e-4:1e-2:30."),
     option("--y", metavar="NAME=SPEC", help="Axis up; without it the map is a curve over x."),
     option("--fix", "fixed", multiple=True, metavar="NAME=VALUE", help="Another parameter: theta=8."),
+    option("--rig", metavar="FILE.toml", help="An own structure (fiv structure)."),
     option("--quantity", required=True, metavar="NAME,...", help="What is drawn; see the list below."),
     option("--refine", type=click.IntRange(0, 12), default=0, metavar="N", help=HALVED),
     option("--tolerance", type=float, metavar="T", help="Largest error of interpolation, of the range: 0.02."),

@@ -158,4 +158,5 @@ STUDY = Study(
     figure=draw,
     claims=CLAIMS,
     chaotic=True,
+    beams=True,
 )

@@ -167,4 +167,5 @@ STUDY = Study(
         *(Claim(f"lock_in_{x}", {}, paper.ONSETS[0][k], "3.4.2") for k, x in enumerate(("mu", "frequency"))),
     ),
     check=check,
+    beams=True,
 )

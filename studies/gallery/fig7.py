@@ -201,4 +201,5 @@ STUDY = Study(
     figure=draw,
     claims=CLAIMS,
     chaotic=True,
+    beams=True,
 )

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore import Rig, Scene, checks, glued_frequencies, painleve_mu
+from fivcore import Rig, Scene, Structure, checks, glued_frequencies, painleve_mu
 from studies import labels, paper, spec, summary, uncertainty
 from studies.motion import ensemble, regimes, run
 from studies.motion.jobs import outcomes
 from studies.parameters import RIG, RUN, SCENE, Parameter, rig_numbers, suggest, unusual, warn_unusual
 from studies.plotting import figures, planes
-from studies.request import Request, assignment
-from studies.results import MAPS, configuration, results_folder, settings
+from studies.request import Request, assignment, structure_of
+from studies.results import MAPS, configuration, results_folder, settings, structure_in
 from studies.stability import first_growth, largest_growth
 from studies.study import Study
 from sweeps import FAILED, InputError, Plan, Refinement, Variable, check_counts, refined, refinement_report
@@ -86,12 +86,13 @@ def probability(rig: Rig, theta: Any, mu: Any, samples: int, seed: int, distribu
 def plan(
     x: str, y: str | None = None, quantities: str | Sequence[str] = "growth_rate",
     fix: Mapping[str, Any] | None = None, refine: int = 0, tolerance: float | None = None, out: Any = None, *,
-    samples: int | None = None, seed: int | None = None, strict: bool = False, **how: bool,
+    samples: int | None = None, seed: int | None = None, strict: bool = False, rig: Any = None, **how: bool,
 ) -> tuple[Study, Plan]:  # fmt: skip
     """The study and the plan of a map, with its file in the results folder.
 
     `x` and `y` are NAME=SPEC, `fix` has values of other parameters and distributions. With `refine` intervals are
     halved so often where the first quantity changes, or where interpolation is off by `tolerance` of its range.
+    `rig` is a structure or its file (`request.structure_of`), in place of the beams.
     """
     names = [name.strip() for name in quantities.split(",")] if isinstance(quantities, str) else list(quantities)
     groups = dict.fromkeys(map(quantity_group, names))
@@ -117,7 +118,8 @@ def plan(
         values |= uncertainty.distributions(uncertainty.usual(numbers))
     if refine:
         values |= {n: spec.refined(text, n, refine, study.parameters[n].units) for n, text in sides.items()}
-    sweep, whole = study.sweep(values), np.dtype(study.outputs[names[0]].dtype).kind == "i"
+    structure = None if rig is None else structure_of(rig)
+    sweep, whole = study.sweep(values, structure=structure), np.dtype(study.outputs[names[0]].dtype).kind == "i"
     plain = {name: value for name, value in values.items() if not hasattr(value, "ppf")}
     # A file is written again where its title changes: then it has this request, which is drawn.
     title, request = f"{', '.join(names)} over {', '.join(sides)}", {"x": next(iter(sides)), "quantities": names}
@@ -129,6 +131,8 @@ def plan(
         limit = checks.between("tolerance", 0.02 if tolerance is None else tolerance, 1e-12, 1e12, "of the range")
         thresholds = tuple(value for name, value in THRESHOLDS.items() if name == names[0])
         sweep = refined(sweep, Refinement(names[0], refine, None if whole else limit, thresholds))
+    if structure is not None:
+        changed.append(f"rig{Structure.from_dict(structure).digest[:8]}")
     parts = [names[0] if refine else study.name.removeprefix(f"{MAPS}_"), *sides]
     file = re.sub(r"[^\w.+-]", "_", "-".join([*parts, *changed]))
     file = file if len(file) <= LONGEST_NAME else "-".join([*parts, sha256(file.encode()).hexdigest()[:8]])
@@ -184,6 +188,7 @@ def draw(dataset: xr.Dataset) -> Any:
     texts = configuration(dataset)["constants"].get("distributions", {})
     fixed = [n for n, value in settings(dataset).items() if n in SCENE or value != study.parameters[n].default]
     about = [labels.named(name, dataset[name]) for name in fixed if name not in texts]
+    about += [structure_in(dataset).get("name", "")] * bool(structure_in(dataset))
     about += [f"{len(texts)} uncertain parameters"] * bool(texts)
     figure.suptitle(figures.fitted(f"{study.title}\n{', '.join(about)}".strip(), 16.0))
     return figure
@@ -239,7 +244,8 @@ def _mark_paper(axes: Any, dataset: xr.Dataset, dims: list[str]) -> None:
     """Mark the points of the paper's rig and tests in a plane, or their values along one parameter."""
     fixed = settings(dataset)
     for marker, label, point in PAPER:
-        papers = set(dims) <= set(point) and all(fixed.get(name, value) == value for name, value in point.items())
+        beams = set(dims) <= set(point) and not structure_in(dataset)
+        papers = beams and all(fixed.get(name, value) == value for name, value in point.items())
         if papers and (marker == "*" or ("mu" in dims and "regime" not in dataset)):
             place = tuple(labels.unit_of(dataset[dim])[1] * point[dim] for dim in dims)
             if len(dims) == 2:
@@ -251,6 +257,7 @@ def _mark_paper(axes: Any, dataset: xr.Dataset, dims: list[str]) -> None:
 RUNS = ensemble.members(1) | ensemble.until(0.3, 16.0)
 DRAWS = {"samples": (1024, "number of uncertain rigs"), "seed": (0, "seed of the random numbers")}
 MODEL = {name: RUN[name] for name in ("cutoff", "numerical_damping")}
+BEAMS = {"beams": True}
 LIMIT = {"painleve_mu": ("1", "mu from which on the contact force is not unique")}
 DRAWN = {name: Parameter(value, "1", text, common=True) for name, (value, text) in DRAWS.items()}
 # Group, title, parameters besides those of the rig and the scene, outputs, function, and the rest.
@@ -258,9 +265,16 @@ GROUPS: tuple[tuple[str, str, Any, Any, Any, dict[str, Any]], ...] = (
     ("growth", "Least stable mode of steady sliding (modes below 10 kHz)", {}, GROWTH, growth, {}),
     ("onset", "Lowest μ at which steady sliding flutters (modes below 10 kHz)", {}, ONSET, onset, {}),
     ("contact_limit", "Uniqueness of the contact force", MODEL, LIMIT, contact_limit, {}),
-    ("glued", "Natural frequencies of the beams glued at the contact", {}, GLUED, glued, {}),
+    ("glued", "Natural frequencies of the beams glued at the contact", {}, GLUED, glued, BEAMS),
     ("motion", "Motion", RUNS, MOTION, motion, {"check": ensemble.check, "normalised": True, "chaotic": True}),
-    ("probability", "Stability of uncertain rigs", DRAWN, PROBABILITY, probability, {"check": uncertainty.check}),
+    (
+        "probability",
+        "Stability of uncertain rigs",
+        DRAWN,
+        PROBABILITY,
+        probability,
+        BEAMS | {"check": uncertainty.check},
+    ),
 )
 STUDIES = {
     group: Study(f"{MAPS}_{group}", title, title, more, out, call, summary=summarise, figure=draw, **how)

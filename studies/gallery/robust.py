@@ -197,4 +197,5 @@ STUDY = Study(
     derive=derive,
     summary=summarise,
     figure=draw,
+    beams=True,
 )

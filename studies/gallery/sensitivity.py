@@ -197,4 +197,5 @@ STUDY = Study(
     check=check,
     summary=summarise,
     figure=draw,
+    beams=True,
 )

@@ -15,7 +15,7 @@ from studies.claims import Claim, is_papers_rig, rig_text
 from studies.motion.run import BAND
 from studies.parameters import Parameter
 from studies.plotting import figures, general, planes
-from studies.stability import intervals_summary, largest_growth, with_flags, with_unstable_intervals
+from studies.stability import first_growth, intervals_summary, largest_growth, with_flags, with_unstable_intervals
 from studies.study import Study
 from sweeps import Variable
 
@@ -62,21 +62,27 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
     """
     theta, mu, comment = dataset["theta"].values, dataset["mu"].values, ""
     curves = OnsetCurves((), (), theta, *np.empty((4, len(theta), 0)))
-    if mu.max() > 0.0:
+    rig = results.rig_of(dataset)
+    if not isinstance(rig, Rig):
+        comment = "a structure has one inclination"
+    elif mu.max() > 0.0:
         try:
-            curves = onset_curves(results.rig_of(dataset), theta, BAND, float(mu.max()))
+            curves = onset_curves(rig, theta, BAND, float(mu.max()))
         except ArithmeticError as problem:
             comment = str(problem)
     friction, tangent = float(np.clip(paper.MU, mu.min(), mu.max())), np.tan(np.radians(theta))
-    dataset = with_unstable_intervals(dataset, results.rig_of(dataset), friction)
+    dataset = with_unstable_intervals(dataset, rig, friction)
     added = branches("pair", curves.onsets, curves.mu, curves.frequency)
     added |= branches("recovery", curves.recoveries, curves.recovery_mu, curves.recovery_frequency)
     # The lowest onset at each angle, NaN where there is none.
     table = np.pad([curves.mu, curves.frequency], ((0, 0), (0, 0), (0, 1)), constant_values=np.nan)
     first = np.where(np.isnan(table[0]), np.inf, table[0]).argmin(axis=1)
+    lowest = table[:, np.arange(len(theta)), first]
+    if not isinstance(rig, Rig) and mu.max() > 0.0:
+        lowest = np.transpose([first_growth(rig, 0.0, BAND, float(mu.max()))])
     text = "at the lowest flutter onset; pairs that enter the band unstable are not counted"
-    added["onset_mu"] = "theta", table[0, np.arange(len(theta)), first], "1", f"coefficient of friction {text}"
-    added["onset_frequency"] = "theta", table[1, np.arange(len(theta)), first], "Hz", f"frequency {text}"
+    added["onset_mu"] = "theta", lowest[0], "1", f"coefficient of friction {text}"
+    added["onset_frequency"] = "theta", lowest[1], "Hz", f"frequency {text}"
     added["bound_mu"] = "theta", np.where(tangent > 0.0, tangent, np.nan), "1", "tan(theta), if above 0"
     added["window_mu"] = (), friction, "1", "coefficient of friction of the unstable intervals"
     # The branches as they were followed, to their ends, one after the other.
@@ -134,7 +140,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         table.insert(0, "branch", np.repeat([kind for kind, _ in BRANCHES.values()], [len(of) for of in frames]))
         over = pd.Series(dataset["trace_theta"].values).groupby(dataset["trace_branch"].values)
         yield "Branches of onsets and recoveries", table.assign(**{"from °": over.min(), "to °": over.max()})
-    yield from intervals_summary(dataset, float(dataset["window_mu"]))
+    if not results.structure_in(dataset):
+        yield from intervals_summary(dataset, float(dataset["window_mu"]))
     rows = {"most unstable pairs at a point": np.nanmax(modes, initial=0.0)}
     rows["largest growth rate, 1/s"] = np.nanmax(growth, initial=-np.inf)
     rows["points whose least stable mode does not oscillate"] = (grows & (frequency == 0.0)).sum()

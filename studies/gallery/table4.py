@@ -97,4 +97,5 @@ STUDY = Study(
     summary=summarise,
     figure=draw,
     check=check,
+    beams=True,
 )

@@ -251,4 +251,5 @@ STUDY = Study(
     claims=CLAIMS,
     check=check,
     chaotic=True,
+    beams=True,
 )

@@ -12,22 +12,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Rig, Scene
+from fivcore import Rig, Scene, Structure
 from fivcore.transient.normalised import Normalised
 from studies.parameters import RIG, SCENE
 from sweeps import InputError
 
 
-def rig_of(numbers: Mapping[str, Any]) -> Rig:
-    """The rig of one value of each of its parameters; those that are missing are the paper's."""
+def rig_of(numbers: Mapping[str, Any]) -> Any:
+    """The structure among `numbers`; else the rig of one value of each parameter, missing ones the paper's."""
+    if (structure := numbers.get("structure")) is not None:
+        return structure if isinstance(structure, Structure) else Structure.from_dict(structure)
     try:
         return Rig.of(**{name: numbers[name] for name in RIG if name in numbers})
     except ValueError as problem:
         raise InputError(str(problem)) from None
 
 
-def scene_of(numbers: Mapping[str, Any], rig: Rig) -> Scene:
+def scene_of(numbers: Mapping[str, Any], rig: Rig | Structure) -> Scene:
     """The scene of one value of V, theta, mu and F."""
+    _check_drive(numbers["V"], rig)
     return Scene(**{name: float(numbers[name]) for name in SCENE}, rig=rig)
 
 
@@ -38,6 +41,7 @@ def scenes_of(numbers: Mapping[str, Any], count: int, normalised: bool = False) 
     """
     rig = rig_of(numbers)
     columns = {name: np.broadcast_to(np.asarray(numbers[name], dtype=float), count) for name in SCENE}
+    _check_drive(columns["V"].min(), rig)
     if normalised:
         speed, theta, mu = coordinates(columns)
         columns = {"V": speed, "theta": theta, "mu": mu, "F": np.ones(count)}
@@ -45,6 +49,11 @@ def scenes_of(numbers: Mapping[str, Any], count: int, normalised: bool = False) 
         Scene(V, theta, mu, F, rig)
         for V, theta, mu, F in zip(*(columns[name].tolist() for name in SCENE), strict=True)
     ]
+
+
+def _check_drive(V: float, rig: Rig | Structure) -> None:
+    if isinstance(rig, Structure) and V < 0.0:
+        raise InputError(f"V = {V:g}: it must be above 0 with a structure; turn the sign of its tangential row")
 
 
 def coordinates(points: Mapping[str, Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:

@@ -211,8 +211,9 @@ def _column(array: xr.DataArray, dims: list[str], is_parameter: bool) -> dict[st
 
 
 def again(study: Study, dataset: xr.Dataset) -> str:
-    """The command that computes a point, without the parameters that vary; "" of a study without a name."""
-    if study.name not in registry.names() and not (study.name.startswith(results.MAPS) and study.parameters):
+    """The command that computes a point, without the parameters that vary; "" of one without a name or beams."""
+    known = study.name in registry.names() or (study.name.startswith(results.MAPS) and study.parameters)
+    if not known or results.structure_in(dataset):
         return ""
     fixed = settings(dataset)
     changed = {n: v for n, v in fixed.items() if n in study.parameters and v != study.parameters[n].default}

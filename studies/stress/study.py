@@ -138,4 +138,5 @@ STUDY = Study(
     figure=figure,
     coords={"check": Axis(list(CHECKS), long_name="check")},
     chaotic=True,
+    beams=True,
 )

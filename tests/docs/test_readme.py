@@ -26,6 +26,8 @@ API, STUDY = readmes.blocks("python", "README.md")
 # rest are examples, run in their order.
 FIRST, TEST, WAY, *EXAMPLES, OWN = (block.rstrip("\n") for block in readmes.blocks("sh"))
 COMMANDS = [line.partition("  #")[0].rstrip() for block in EXAMPLES for line in block.splitlines()]
+# A structure of one's own, by its modes.
+PIN = next(block for block in readmes.blocks("toml", "studies/README.md") if block.startswith("# pin.toml"))
 # What reads, and needs no more than the results that are kept here.
 READING = [line for line in COMMANDS if line.split()[1] in ("plan", "query", "plot") or line == "fiv list fig5"]
 # A queue's commands: a job is a process here.
@@ -40,7 +42,8 @@ kill "$@" 2> /dev/null || true
 
 @pytest.fixture
 def clone(tmp_path, here):
-    """An empty folder with the reference."""
+    """An empty folder with the reference, and a structure."""
+    (tmp_path / "pin.toml").write_text(PIN)
     shutil.copytree(HOME / "results" / "reference", tmp_path / "results" / "reference")
     return tmp_path
 
@@ -56,7 +59,7 @@ def test_every_example_is_a_command_of_fiv():
     for line in COMMANDS:
         assert line.startswith("fiv "), line
     used = {line.split()[1] for line in COMMANDS} | {line.split()[1] for line in first_time.lines()[2:]}
-    assert used == {"list", "plan", "run", "status", "plot", "query", "map", "report"}
+    assert used == {"list", "plan", "run", "status", "plot", "query", "map", "report", "structure"}
 
 
 def test_the_api_in_ten_lines(here):

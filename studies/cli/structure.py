@@ -1,0 +1,113 @@
+"""The command that shows what was read of a structure of one's own. Heavy packages are imported inside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from studies.cli.app import command
+from studies.cli.options import OUT
+from studies.cli.output import columns, say, show
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from fivcore import FlutterOnsets, Structure
+
+# Modes in the table. A structure with less mass than a gram at its contact is hardly one that moves below so many
+# Hz; below this share of the largest product of its gaps' weights a mode couples them by rounding.
+MOST, GRAM, SLOW, COUPLED = 40, 1e-3, 5e3, 1e-9
+FILE = click.argument("file", metavar="FILE.toml")
+FMAX = click.option("--fmax", type=float, default=10e3, show_default=True, help="Band of onsets and figure, Hz.")
+MU = click.option("--mu", type=float, default=1.0, show_default=True, help="Largest coefficient of friction.")
+
+
+@command("structure", "What was read of an own structure, with a figure.", FILE, OUT, FMAX, MU)
+def structure(file: str, out: str | None, fmax: float, mu: float) -> None:
+    """Modes, contact, preload, damping and flutter onsets of a structure of one's own, and its receptances.
+
+    \b
+    fiv structure pin.toml
+    fiv run scenes --rig pin.toml
+
+    The figure, FILE.png in the folder `structure` of the results, has the growth rate over friction too.
+    """  # noqa: D301 - the backspace tells click to keep the lines
+    from fivcore import Structure, checks, flutter_onsets
+    from studies.plotting import figures, receptances
+    from studies.request import structure_of
+    from studies.results import results_folder
+    from studies.runner import written
+
+    fmax, mu = checks.band(fmax), checks.between("--mu", mu, 1e-6, 1e3, "a coefficient of friction")
+    own: Any = Structure.from_dict(structure_of(file))
+    show("\n".join(described(own)))
+    onsets = None
+    try:
+        onsets = flutter_onsets(own, 0.0, fmax, mu)
+        show("\n".join(_onsets(onsets, fmax, mu)))
+    except ArithmeticError as problem:
+        show(f"flutter onsets: they could not be computed: {problem}")
+    show("\n".join(hints(own)), end="\n" if any(hints(own)) else "")
+    target = results_folder(out) / "structure" / f"{Path(file).stem}.png"
+    with figures.style(), written(target) as temporary:
+        temporary.write_bytes(figures.saved(receptances.draw(own, fmax, mu, onsets), "png", own.digest))
+    say(f"\nwritten: {target}")
+
+
+def described(own: Structure) -> Iterator[str]:
+    """Its modes, what the contact moves, preload and rigid motions, as lines."""
+    import numpy as np
+
+    yield f"{own!r}\ndigest {own.digest}\n"
+    damping = own.damping[: len(own.frequency)]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = damping / (4.0 * np.pi * own.frequency)
+    heads = ("mode", "frequency Hz", "normal", "tangential", "load", "output", "damping ratio")
+    table = zip(own.frequency, own.normal, own.tangential, own.load, own.output, ratio, strict=False)
+    rows = [(f"{k}", f"{row[0]:.6g}", *(f"{each:.4g}" for each in row[1:])) for k, row in enumerate(table, 1)]
+    yield columns([heads, *rows[:MOST]])
+    if len(rows) > MOST:
+        yield f"and {len(rows) - MOST} more, up to {own.frequency[-1]:.6g} Hz"
+    rigid = int(np.count_nonzero(own.stiffness == 0.0))
+    found: dict[str, Any] = {"preload (normal force at rest for a unit load)": f"{own.preload:.6g}"}
+    for name, row in (("normal", own.normal), ("tangential", own.tangential)):
+        elastic = own.stiffness > 0.0
+        compliance = float(np.sum(row[elastic] ** 2 / own.stiffness[elastic]))
+        found[f"{name} effective mass, kg"] = f"{effective_mass(own, row):.6g}"
+        found[f"{name} static stiffness of the elastic modes, N/m"] = f"{1.0 / max(compliance, 1e-300):.6g}"
+    found["rigid motions"] = rigid
+    found["damping"] = "by mode" if own.rayleigh is None else f"d1 = {own.d1:g} 1/s, d2 = {own.d2:g} s"
+    found["drive"] = "the base moves" if own.inertia.any() else "a rigid surface slides past"
+    yield "\n" + columns([(name, str(value)) for name, value in found.items()])
+    yield from (f"remark: {remark}" for remark in own.remarks)
+    if own.static:
+        yield f"remark: modes above {own.frequency[-1]:.6g} Hz act by their static compliance"
+
+
+def effective_mass(own: Structure, row: Any) -> float:
+    """The mass that the contact moves along a gap at once, 1 / sum(row^2) of the computed modes, kg."""
+    return float(1.0 / max(float((row[: len(own.frequency)] ** 2).sum()), 1e-300))
+
+
+def _onsets(onsets: FlutterOnsets, fmax: float, mu: float) -> Iterator[str]:
+    rows = [(f"{a:.5g}", f"{b:.6g}") for a, b in zip(onsets.mu, onsets.frequency, strict=True)]
+    yield f"\n{'flutter onsets' if rows else 'no flutter onset'} up to mu = {mu:g}, below {fmax:g} Hz"
+    yield columns([("mu", "Hz"), *rows]) if rows else ""
+
+
+def hints(own: Structure) -> Iterator[str]:
+    """What looks like a wrong unit or row."""
+    import numpy as np
+
+    elastic, most = own.frequency[own.frequency > 0.0], len(own.frequency)
+    mass = min(effective_mass(own, row) for row in (own.normal, own.tangential))
+    if mass < GRAM and len(elastic) and elastic[0] < SLOW:
+        yield (
+            f"hint: the contact moves only {mass:.3g} kg, though the lowest elastic mode has {elastic[0]:.4g} Hz: "
+            "if the model is in mm, t, s, multiply mass and stiffness by 1000"
+        )
+    normal, tangential = (np.abs(row[:most]) for row in (own.normal, own.tangential))
+    if (normal * tangential).max() <= COUPLED * normal.max() * tangential.max():
+        yield "hint: no mode moves both gaps, so that friction cannot cause flutter; check normal and tangential"

@@ -1,0 +1,49 @@
+"""A structure's receptances at its contact, and how its least stable mode grows with friction."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from studies.plotting import figures
+from studies.stability import largest_growth
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from fivcore import FlutterOnsets, Structure
+
+POINTS, FRICTIONS = 4000, 101
+
+
+def draw(structure: Structure, fmax: float, mu_max: float, onsets: FlutterOnsets | None) -> Figure:
+    """|h_NN|, |h_NT|, |h_TT| over frequency up to `fmax`, Hz, and the largest growth rate over friction."""
+    figure, (left, right) = figures.panels(1, 2, 24.0, 9.5)
+    elastic = structure.frequency[(structure.frequency > 0.0) & (structure.frequency < fmax)]
+    low = 0.3 * min(elastic.min(initial=fmax), 0.1 * fmax)
+    # Peaks are narrower than any even spacing.
+    frequency = np.union1d(np.geomspace(low, fmax, POINTS), elastic)
+    normal, cross = structure.receptances(frequency)
+    tangential = structure.receptances(frequency, 1.0)[1] - cross
+    curves = {"h_NN": normal, "h_NT": cross, "h_TT": tangential}
+    for (name, values), colour, style in zip(
+        curves.items(), (figures.BLUE, figures.ORANGE, figures.BLACK), ("-", "-", "--"), strict=True
+    ):
+        if np.any(values):
+            left.loglog(frequency, np.abs(values), style, color=colour, linewidth=0.9, label=f"|{name}|")
+    left.set(xlabel="frequency / Hz", ylabel="receptance / (m/N)", xlim=(low, fmax))
+    figures.one_two_five(left.xaxis)
+    left.legend(loc="best")
+    mu = np.linspace(0.0, mu_max, FRICTIONS)
+    growth = largest_growth(structure, 0.0, mu, fmax)[0]
+    right.plot(mu, growth, color=figures.BLACK)
+    right.plot(mu, np.where(growth > 0.0, growth, np.nan), color=figures.RED, linewidth=2.0)
+    right.axhline(0.0, color=figures.GREY, linewidth=0.8)
+    if onsets is not None and len(onsets.mu):
+        right.plot(onsets.mu, 0.0 * onsets.mu, "o", color=figures.BLUE, label="flutter onset")
+        right.legend(loc="best")
+    right.set(xlabel="coefficient of friction μ", ylabel="growth rate / (1/s)")
+    figures.letter((left, right), ("receptances at the contact", "least stable mode of steady sliding"))
+    figure.suptitle(repr(structure))
+    return figure

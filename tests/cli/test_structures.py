@@ -1,0 +1,149 @@
+"""Structures of one's own in the commands: by modes, by matrices, built by a study; and what is refused."""
+
+import re
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy import io, sparse
+
+import studies
+from fivcore import Scene, Structure, simulate
+from studies.cli.structure import hints
+from studies.request import structure_of
+from tests.docs import readmes
+
+PIN = next(block for block in readmes.blocks("toml", "studies/README.md") if block.startswith("# pin.toml"))
+OWN = next(block for block in readmes.blocks("python", "studies/README.md") if "skfem" in block)
+RUN = ("run", "scenes", "--rig", "pin.toml", "--set", "V=0.01,0.02", "--set", "mu=0.2,0.4", "--set", "F=9", "-q")
+STATISTICS = ("stick_fraction", "velocity_rms", "mean_normal_force")
+
+
+@pytest.fixture
+def pin(tmp_path, here, undrawn):
+    (tmp_path / "pin.toml").write_text(PIN)
+    return Structure.read(tmp_path / "pin.toml")
+
+
+def by_matrices(folder, pin, unit):
+    """The file of the same structure by matrices, in kg and N/m divided by `unit`; coordinates are mixed modes."""
+    mixed = np.array([[1.0, 0.5, 0.2], [0.0, 2.0, 0.3], [0.4, 0.0, 1.0]])
+    io.mmwrite(folder / "M.mtx", sparse.coo_array(mixed.T @ mixed / unit))
+    io.mmwrite(folder / "K.mtx", sparse.coo_array(mixed.T @ (pin.stiffness[:, None] * mixed) / unit))
+    lines = ["mass = 'M.mtx'", "stiffness = 'K.mtx'", "damping_ratio = 0.002"]
+    for name in ("normal", "tangential", "load"):
+        np.savetxt(folder / f"{name}.txt", getattr(pin, name) @ mixed)
+        lines.append(f"{name} = '{name}.txt'")
+    (folder / "matrices.toml").write_text("\n".join(lines))
+    return folder / "matrices.toml"
+
+
+def test_a_run_is_of_the_structure_and_is_not_computed_twice(here, pin, tmp_path):
+    done = here(*RUN)
+    assert (done.returncode, repr(pin) in done.stdout, "Beside the paper" in done.stdout) == (0, True, False)
+    file = "results/scenes/scenes.nc"
+    data = xr.open_dataset(file).isel(theta=0, F=0)
+    assert "head_mass" not in data.coords
+    alone = simulate(Scene(0.01, 0.0, 0.4, 9.0, pin), float(data["simulated_time"].sel(V=0.01, mu=0.4)))
+    assert alone.summary["regime"] == "periodic"
+    assert float(data["velocity_rms"].sel(V=0.01, mu=0.4)) == pytest.approx(
+        alone.summary["velocity_rms"], rel=0.01
+    )
+    # Sliding steadily, friction of mu = 0.2 opens the contact statically: 0 = g_N = h_NN N + h_NT mu N + h_NF F.
+    normal, tangential, load = (
+        pin.normal / pin.stiffness @ np.transpose([pin.normal, 0.2 * pin.tangential, pin.load])
+    )
+    force = -9.0 * load / (normal + tangential)
+    assert float(data["mean_normal_force"].sel(V=0.01, mu=0.2)) == pytest.approx(force, rel=0.01)
+    assert "to do           0" in here("plan", *RUN[1:-1]).stdout
+    # The result alone is enough to make it again.
+    (tmp_path / "pin.toml").unlink()
+    again = here("run", file, "--out", "again", "-q")
+    assert (again.returncode, again.stdout) == (0, done.stdout)
+    with xr.open_dataset(f"again/{file.removeprefix('results/')}") as other, xr.open_dataset(file) as first:
+        assert all(other[name].equals(first[name]) for name in STATISTICS)
+    assert structure_of(file)["stiffness"] == pin.to_dict()["stiffness"]
+    # Nowhere are its numbers printed.
+    for words in (("status", "scenes"), ("status", "scenes", "--json"), ("query", "scenes"), ("plan", file)):
+        assert f"{pin.stiffness[0]:.12g}"[:8] not in here(*words).stdout
+
+
+def test_a_request_and_a_structure_together_and_another_structure(here, pin, tmp_path):
+    (tmp_path / "run.toml").write_text('set = { V = 0.01, mu = "0.2,0.4", F = 9 }\n')
+    assert here("run", "scenes", "--config", "run.toml", "--rig", "pin.toml", "-q").returncode == 0
+    assert "to do           2" in here("plan", *RUN[1:-1]).stdout
+    (tmp_path / "pin.toml").write_text(PIN.replace("800.0", "810.0"))
+    done = here(*RUN)
+    assert (done.returncode, done.stderr.count("\n"), repr(pin) in done.stderr) == (3, 1, True)
+    # From Python, and by a result's file, as points that failed are computed again.
+    for rig in (pin, "results/scenes/scenes.nc"):
+        assert studies.run("scenes", rig=rig, V=0.01, mu=[0.2, 0.4], F=9).sizes["mu"] == 2
+
+
+def test_maps_and_stability_of_a_structure(here, pin):
+    done = here("run", "fig5", "--rig", "pin.toml", "--set", "mu=0:0.5:11", "-q")
+    assert done.returncode == 0
+    assert re.search(r"flutters from mu = 0\.27\d* on, at 9[123]\d Hz", done.stdout)
+    done = here("run", "stability", "--rig", "pin.toml", "--set", "mu=0:0.4:5", "-q")
+    assert (done.returncode, "unstable at 2 of 5 points" in done.stdout) == (0, True)
+    words = ("--x", "mu=0:0.4:5", "--quantity", "growth_rate,unstable_modes", "--rig", "pin.toml")
+    assert here("map", *words, "-q").returncode == 0
+    data = studies.open(f"growth-mu-rig{pin.digest[:8]}")
+    assert data["unstable_modes"].values.tolist() == [0, 0, 0, 1, 1]
+
+
+def test_what_was_read_is_shown(here, pin, tmp_path):
+    done = here("structure", str(by_matrices(tmp_path, pin, 1.0)))
+    assert (done.returncode, done.stderr) == (0, "\nwritten: results/structure/matrices.png\n")
+    assert (tmp_path / "results" / "structure" / "matrices.png").stat().st_size > 20_000
+    assert re.search(r"\n1 +500 .*\n2 +800 .*\n3 +1700 ", done.stdout)
+    assert f"{pin.preload:.6g}" in done.stdout
+    assert re.search(r"\n0.27\d* +9[123]\d", done.stdout)
+    assert "hint" not in done.stdout
+
+
+def test_wrong_units_and_rows_are_hinted_at(pin, tmp_path):
+    assert not list(hints(pin))
+    (hint,) = hints(Structure.read(by_matrices(tmp_path, pin, 1e3)))
+    assert "if the model is in mm, t, s, multiply mass and stiffness by 1000" in hint
+    (tmp_path / "pin.toml").write_text(re.sub("(tangential =) -0.[94]|(normal =) 0.1", r"\1\2 0", PIN))
+    (hint,) = hints(Structure.read(tmp_path / "pin.toml"))
+    assert "no mode moves both gaps" in hint
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "message"),
+    [
+        (PIN, ("--set", "theta=5"), "theta = "),
+        (PIN, ("--set", "p1_length=60mm"), "p1_length = 0.06: a structure has no such number"),
+        (PIN, ("--scatter", "head_mass=normal:3:0.1"), "head_mass = normal:3:0.1: a structure has no such number"),
+        (PIN, ("--set", "V=-1e-3"), "V = -0.001: it must be above 0 with a structure"),
+        (PIN.replace("normal =", "norml =", 1), (), "norml: there is none of this name"),
+        (
+            PIN.replace("normal = 0.1", "normal = 0").replace("normal = 0.4", "normal = 0"),
+            (),
+            "normal: it must not be",
+        ),
+        ("masss = 'M.mtx'", (), "masss: no such key"),
+    ],
+)
+def test_what_cannot_be_is_one_line(here, tmp_path, text, words, message):
+    (tmp_path / "pin.toml").write_text(text)
+    done = here("run", "scenes", "--rig", "pin.toml", *words)
+    assert (done.returncode, done.stderr.count("\n"), message in done.stderr) == (2, 1, True), done.stderr
+
+
+@pytest.mark.parametrize("study", ["table4", "fig7", "table6", "robust", "stress"])
+def test_what_needs_the_beams_says_so(here, pin, study):
+    done = here("plan", study, "--rig", "pin.toml")
+    assert (done.returncode, done.stderr.count("\n"), "needs the paper's beams" in done.stderr) == (2, 1, True)
+
+
+def test_a_study_builds_its_structure_with_scikit_fem(here, tmp_path, forgetful, undrawn):
+    (tmp_path / "pin_angle.py").write_text(OWN)
+    assert here("run", "pin_angle.py", "-q").returncode == 0
+    data = xr.open_dataset("results/pin_angle/pin_angle.nc")
+    # A beam of three quarters of the length, clamped (Euler-Bernoulli).
+    bending = 1.8751**2 * 2e-3 / (2.0 * np.pi * 0.075**2) * np.sqrt(200e9 / 7800.0 / 12.0)
+    assert data["bending_frequency"].values == pytest.approx(bending, rel=0.02)
+    assert float(data["velocity_rms"][0]) > 3.0 * float(data["velocity_rms"][2])
