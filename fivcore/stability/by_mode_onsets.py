@@ -87,21 +87,26 @@ def damped_crossings(own: Structure, fmax: float, mu_max: float) -> Array:
     if not np.any(residues[1]) and not np.any(tail[1]):
         return np.empty((0, 3))
     poles = exponents(*p)
-    # Where a real exponent passes 0 or 2: it moves to the right where mu rises to the right, in at 0 and out at 2.
-    real = []
-    for place, step, way in ((0.0, 1e-5, 1.0), (2.0, 1e-6, -1.0)):
-        n = int(np.argmin(np.abs(p[0] + BAND * place * (p[1] + BAND * place))))
-        pairs = (_responses(complex(BAND * x), n, *system) for x in (place, place + step))
-        here, there = (-(a / b).real if b else np.inf for a, b in pairs)
-        real.append((here, ARC + 2.0 - place, way if there > here else -way))
+    # Real exponents pass 0 and 2.
+    ends = []
+    for x in (0.0, 2.0 * BAND):
+        n = int(np.argmin(np.abs(p[0] + x * (p[1] + x))))
+        a, b = _responses(complex(x), n, *system)
+        ends.append(-(a / b).real if b else np.inf)
     for share in STEPS:
-        found = [each for each in real if 0.0 < each[0] <= mu_max]
-        for low, high, n in _brackets(_sample(*system, poles, share), system):
+        samples = _sample(*system, poles, share)
+        # Such an exponent grows from 0 on where Im(mu) > 0 on the path beside it, and leaves at 2 where it is.
+        changes = (ends[0], ARC + 2.0, np.sign(samples[0, 1])), (ends[1], ARC, -np.sign(samples[-1, 1]))
+        found = [each for each in changes if 0.0 < each[0] <= mu_max]
+        for low, high, n in _brackets(samples, system):
+            rising = _crossing(high, n, *system, 1.0) > 0.0
+            if rising == (_crossing(low, n, *system, 1.0) > 0.0):
+                continue
             omega = brentq(_crossing, low, high, (n, *system, 1.0), xtol=1e-18, rtol=4.0 * EPS)
             a, b = _responses(BAND * _place(omega), n, *system)
             mu = -(a / b).real if b else np.inf
             if 0.0 < mu <= mu_max:
-                found.append((mu, omega, 2.0 if _crossing(high, n, *system, 1.0) > 0.0 else -2.0))
+                found.append((mu, omega, 2.0 if rising else -2.0))
         crossings = np.array(sorted(found)).reshape(-1, 3)
         if _agree(problem, crossings, mu_max):
             return crossings
