@@ -1,6 +1,7 @@
 """Linear stability of steady sliding.
 
 `tied` modes of the beams in bonded contact; `secular`, the characteristic equation; `sliding`, its modes;
-`onsets`, the search for flutter onsets; `many`, onsets of one rig or of many; `intervals`, onsets and unstable
-windows over theta; `sensitivity`, derivatives of onsets by the parameters of the rig.
+`by_mode`, both for a structure with damping by mode, and `by_mode_onsets` its flutter onsets; `onsets`, the search
+for flutter onsets; `many`, onsets of one rig or structure, or of many rigs; `intervals`, onsets and unstable
+windows over theta; `sensitivity`, derivatives of onsets by parameters.
 """

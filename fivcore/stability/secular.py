@@ -5,6 +5,9 @@ roots of f(lambda) = h_NN + mu h_NT = sum_i (a_i + mu b_i) / (p_i - lambda) = 0,
 are the squared frequencies and the normal and tangential gap shapes of the separate beams' modes. Poles far beyond
 the band enter as a power series, exact to rounding. The Ehrlich-Aberth iteration on P = f prod_i (p_i - lambda)
 finds all roots together (Aberth, Math. Comp. 27, 1973, 339-344). The argument principle counts them independently.
+
+With damping by mode (`fivcore.stability.by_mode`) p - lambda becomes p + c phi + phi^2, and the same kernels find
+the exponents phi: where p is (2, n) its rows are p and c.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from fivcore.beams.modes import EPS
 from fivcore.errors import UnsolvedError
 from fivcore.jit import Array, Complex, kernel
 from fivcore.rig import Structural
-from fivcore.structure import structure_of
+from fivcore.structure import STATIC, Structure, structure_of
 
 # In units of the band's lambda: roots are counted within this; eigenvalues reported are at most MOST_REPORTED.
 RADIUS, MOST_REPORTED = 6.0, 5.0
@@ -32,7 +35,8 @@ class SlidingProblem:
 
     # The band's lambda, (2 pi fmax)^2 unless damping is heavy, rad2/s2.
     unit: float
-    # Poles near the band, (n,); their residues a without friction and b for each unit of mu, (2, n).
+    # Poles near the band, (n,), or stiffness and damping of their modes, (2, n); residues a without friction and b
+    # for each unit of mu, (2, n).
     poles: Array
     residues: Array
     # Power series of the far poles, likewise, (2, terms).
@@ -40,19 +44,19 @@ class SlidingProblem:
     # Where the search for roots starts: from the roots without friction.
     guesses: Complex
     # Eigenvalues of uncoupled modes, with a node at the contact, (k,).
-    uncoupled: Array
+    uncoupled: Array | Complex
 
 
 @lru_cache(maxsize=128)
 def sliding_problem(rig: Structural, theta: float, fmax: float) -> SlidingProblem:
     """Poles, residues, tail and guesses of the sliding problem, cached."""
     own = structure_of(rig, theta)
-    stiffness, normal, tangential = own.stiffness, own.normal, own.tangential
     omega = 2.0 * np.pi * fmax
     # The largest lambda on the imaginary axis of the band; omega^2 but for heavy damping.
     unit = omega * max(omega, np.hypot(omega, rig.d1) / np.hypot(1.0, rig.d2 * omega))
-    order = np.argsort(stiffness, kind="stable")
-    p, residues = stiffness[order] / unit, (normal * np.stack([normal, tangential]))[:, order] / unit
+    p, residues = contact_terms(own, unit)
+    order = np.argsort(p, kind="stable")
+    p, residues = p[order], residues[:, order]
     # A mode with a node at the contact keeps its eigenvalue: its root is nearer to the pole than rounding.
     static = np.sum(residues[0, p > 0.0] / p[p > 0.0])
     coupled = np.abs(residues).max(axis=0) > 1e-17 * static * p
@@ -80,6 +84,17 @@ def sliding_problem(rig: Structural, theta: float, fmax: float) -> SlidingProble
     return SlidingProblem(unit, p, residues, tail, guesses, np.sort(uncoupled[uncoupled <= RADIUS]))
 
 
+def contact_terms(own: Structure, unit: float) -> tuple[Array, Array]:
+    """Poles (n,) and residues (2, n) of all modes, as in `SlidingProblem`."""
+    p, residues = own.stiffness / unit, own.normal * np.stack([own.normal, own.tangential]) / unit
+    if own.static:
+        # In any band static modes are compliances, so far beyond it that they are nothing else.
+        further = np.maximum(STATIC / p[-own.static :], 1.0)
+        p[-own.static :] *= further
+        residues[:, -own.static :] *= further
+    return p, residues
+
+
 def sliding_roots(problem: SlidingProblem, mu: float) -> Complex:
     """All roots within RADIUS, and perhaps others; an ArithmeticError if the count says that one is missing."""
     c, tail = (each[0] + mu * each[1] for each in (problem.residues, problem.tail))
@@ -89,7 +104,7 @@ def sliding_roots(problem: SlidingProblem, mu: float) -> Complex:
         if not missing:
             return roots
         # More roots have come into the circle than there are guesses (large mu, on few rigs).
-        more += min(abs(missing), 2 * len(problem.poles))
+        more += min(abs(missing), 2 * problem.poles.shape[-1])
         roots = np.append(problem.guesses, RADIUS * np.exp(2j * np.pi * (np.arange(more) + 0.3) / more))
     raise UnsolvedError(
         f"mu = {mu!r}: some eigenvalues could not be found with this rig and theta; another mu or fmax near it "
@@ -113,8 +128,12 @@ def value(z: complex, p: Array, c: Array, tail: Array) -> complex:
     total = 0j
     for k in range(len(tail) - 1, -1, -1):
         total = total * z + tail[k]
-    for i in range(len(p)):
-        total += c[i] / (p[i] - z)
+    if p.ndim == 2:
+        for i in range(p.shape[1]):
+            total += c[i] / (p[0, i] + z * (p[1, i] + z))
+    else:
+        for i in range(len(p)):
+            total += c[i] / (p[i] - z)
     return total
 
 
@@ -144,6 +163,36 @@ def newton_step(z: complex, p: Array, c: Array, tail: Array) -> tuple[complex, b
 
 
 @kernel
+def damped_step(z: complex, p: Array, c: Array, tail: Array) -> tuple[complex, bool]:
+    """`newton_step` with damping by mode; P = f prod_i (p_i + c_i phi + phi^2)."""
+    nearest, least = 0, np.inf
+    rest, slope = 0j, 0j
+    for k in range(len(tail) - 1, -1, -1):
+        slope = slope * z + rest
+        rest = rest * z + tail[k]
+    for i in range(p.shape[1]):
+        distance = abs(p[0, i] + z * (p[1, i] + z))
+        if distance < least:
+            nearest, least = i, distance
+    size = abs(rest.real) + abs(rest.imag)
+    others = 0j
+    for i in range(p.shape[1]):
+        if i != nearest:
+            inverse = 1.0 / (p[0, i] + z * (p[1, i] + z))
+            term, fall = c[i] * inverse, (p[1, i] + 2.0 * z) * inverse
+            rest += term
+            size += abs(term.real) + abs(term.imag)
+            slope -= term * fall
+            others += fall
+    gap = p[0, nearest] + z * (p[1, nearest] + z)
+    reduced = c[nearest] + gap * rest
+    parts = p[0, nearest] + abs(z) * (p[1, nearest] + abs(z))
+    rounding = abs(reduced) <= 16.0 * EPS * (abs(c[nearest]) + abs(gap) * size + parts * abs(rest))
+    derivative = gap * slope + (p[1, nearest] + 2.0 * z) * rest + others * reduced
+    return reduced / derivative if derivative != 0.0 else 0j, rounding
+
+
+@kernel
 def aberth(z: Complex, p: Array, c: Array, tail: Array) -> None:
     """Move the guesses `z` (in place) to as many different roots; one that does not settle goes OUTSIDE."""
     n = len(z)
@@ -152,7 +201,10 @@ def aberth(z: Complex, p: Array, c: Array, tail: Array) -> None:
         for j in range(n):
             if last[j] < 0.0:
                 continue
-            step, rounding = newton_step(z[j], p, c, tail)
+            if p.ndim == 2:
+                step, rounding = damped_step(z[j], p, c, tail)
+            else:
+                step, rounding = newton_step(z[j], p, c, tail)
             crowd = 0j
             for i in range(n):
                 if i != j and z[i] != z[j]:
@@ -178,6 +230,13 @@ def winding(p: Array, c: Array, tail: Array) -> int:
     here = value(complex(RADIUS), p, c, tail)
     while angle < np.pi:
         width = min(width, np.pi - angle)
+        if p.ndim == 2:
+            # A root next to a pole turns f only within some of their distance, which a longer step would miss. Without
+            # damping by mode they are on the real axis, where the path begins and ends.
+            z = RADIUS * np.exp(1j * angle)
+            for i in range(p.shape[1]):
+                away = abs(p[0, i] + z * (p[1, i] + z)) / (RADIUS + p[1, i] + np.sqrt(p[0, i]))
+                width = min(width, max(0.5 * away / RADIUS, 1e-9))
         middle = value(RADIUS * np.exp(1j * (angle + 0.5 * width)), p, c, tail)
         end = value(RADIUS * np.exp(1j * (angle + width)), p, c, tail)
         if abs(middle - here) < 0.5 * min(abs(here), abs(middle)) and abs(end - middle) < 0.5 * abs(middle):
@@ -197,8 +256,16 @@ def find_roots(z: Complex, p: Array, c: Array, tail: Array) -> int:
     """Move the guesses `z` (in place) to roots, real or exactly conjugate; return how many are missing."""
     aberth(z, p, c, tail)
     missing = winding(p, c, tail)
-    for pole in p:
-        missing += pole < RADIUS
+    if p.ndim == 2:
+        for i in range(p.shape[1]):
+            half = 0.5 * p[1, i]
+            root = np.sqrt(complex(half * half - p[0, i]))
+            large = abs(half + root)
+            missing += large < RADIUS
+            missing += p[0, i] < RADIUS * large or large == 0.0
+    else:
+        for i in range(len(p)):
+            missing += p[i] < RADIUS
     for j in range(len(z)):
         missing -= abs(z[j]) < RADIUS
         mirror = z[j].conjugate()

@@ -4,18 +4,24 @@ The changed rigs are rows of one call of `flutter_onsets_many`. STEP balances tr
 rigs, the paper's among them, normalised sensitivities agree with derivatives in closed form to 5e-8 of
 themselves, or to 5e-11 of the largest of their onset where they are small beside it. With a node of a coarse P2 at
 the contact the error is some 1e-6, since there the second derivative of the interpolated deflection jumps.
+
+Of a structure the derivatives are in closed form, by the implicit function theorem: at an onset
+h_NN + mu h_NT = 0 at phi = i omega, two real equations for mu and omega.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fivcore.jit import Array, ReadOnlyArrays
-from fivcore.rig import Rig
-from fivcore.stability.many import PARAMETERS, flutter_onsets, flutter_onsets_many, rig_table
+from fivcore.rig import Rig, Structural
+from fivcore.stability.by_mode import FAINT
+from fivcore.stability.many import PARAMETERS, FlutterOnsets, flutter_onsets, flutter_onsets_many, rig_table
+from fivcore.structure import Structure, structure_of
 
 # Relative step; smallest size of a parameter that it is taken of, as a share of what would matter to the rig.
 STEP, LEAST = 2e-5, 1e-3
@@ -27,6 +33,8 @@ ONE_SIDED = np.array([[1.0, 2.0, 3.0, 4.0], [4.0, -3.0, 4.0 / 3.0, -0.25], [2.0,
 # Largest relative change of an onset's frequency from row to row; largest relative difference between the
 # derivatives of both orders, and rounding of the onset. Beyond these it is too near to a fold for a derivative.
 SAME, BENT, ROUNDING = 1e-2, 1e-2, 1e-12
+# Damping that stands for none in closed form, in units of the band's angular frequency; its error is the square.
+TINY = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +43,9 @@ class OnsetSensitivity(ReadOnlyArrays):
 
     Names are theta, contact_position, head_mass, d1, d2, and of each beam p1_length, p1_width, p1_thickness,
     p1_young_modulus, p1_density, p2_length, ... Each derivative keeps all the others, and the meshes' elements.
+    Of a structure they are frequency_1, ... (Hz) and damping_1, ... (1/s; none where nothing damps it) of its
+    modes, and direction: by how much, in radians, the normal n and the tangential t are turned, n to
+    n cos - t sin, t to n sin + t cos.
 
     Attributes
     ----------
@@ -44,7 +55,7 @@ class OnsetSensitivity(ReadOnlyArrays):
         Derivatives in SI units, by theta for each degree.
     mu_normalised, frequency_normalised : dict of str to ndarray, (n,)
         Normalised sensitivities: relative change for a relative change of each parameter p, (p / mu) d mu / d p;
-        of theta in degrees.
+        of theta in degrees; of a direction, for each radian.
     fold : ndarray of bool, (n,)
         Whether the onset is near to a fold, where it meets a recovery and derivatives are infinite: those by which
         it is less than some STEP from there are NaN.
@@ -59,14 +70,14 @@ class OnsetSensitivity(ReadOnlyArrays):
     fold: NDArray[np.bool_]
 
 
-def onset_sensitivity(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float = 1.0) -> OnsetSensitivity:
+def onset_sensitivity(rig: Structural, theta: float, fmax: float = 10e3, mu_max: float = 1.0) -> OnsetSensitivity:
     """First derivatives of all flutter onsets in a band.
 
     Parameters
     ----------
-    rig : Rig
+    rig : Rig or Structure
     theta, fmax, mu_max : float
-        Degrees; band, Hz; largest friction of interest.
+        Degrees, 0 with a structure; band, Hz; largest friction of interest.
 
     Returns
     -------
@@ -78,6 +89,8 @@ def onset_sensitivity(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float 
         As `flutter_onsets`.
     """
     onsets = flutter_onsets(rig, theta, fmax, mu_max)
+    if not isinstance(rig, Rig):
+        return _of_structure(structure_of(rig, theta), onsets, 2.0 * np.pi * fmax)
     values, omega = rig_table({"theta": theta}, rig)[0], 2.0 * np.pi * fmax
     least = np.zeros(len(PARAMETERS))
     least[[PARAMETERS.index(name) for name in ("head_mass", "d1", "d2")]] = rig.p1.mass, omega, 1.0 / omega
@@ -108,6 +121,56 @@ def onset_sensitivity(rig: Rig, theta: float, fmax: float = 10e3, mu_max: float 
     return OnsetSensitivity(
         onsets.mu, onsets.frequency, by_mu, by_frequency, of_mu, of_frequency, none.any(axis=0)
     )
+
+
+def _of_structure(own: Structure, onsets: FlutterOnsets, band: float) -> OnsetSensitivity:
+    """`onset_sensitivity` of a structure, with 2 pi fmax."""
+    m, p, n, t = len(own.frequency), own.stiffness, own.normal, own.tangential
+    # Static modes have the damping of Rayleigh's law, as in `secular`.
+    damping = np.append(own.damping[:m], own.d2 * p[m:])
+    damped = damping.max() > FAINT * band
+    damping = damping if damped else np.where(np.arange(len(p)) < m, TINY * band, 0.0)
+    names = [f"frequency_{k}" for k in range(1, m + 1)]
+    names += [f"damping_{k}" for k in range(1, m + 1) if damped] + ["direction"]
+    values = np.concatenate([own.frequency, own.damping[:m] if damped else [], [1.0]])
+
+    def slopes(omega: float, mu: float) -> tuple[complex, complex, NDArray[np.complex128]]:
+        """Derivatives of h_NN + mu h_NT by omega, by mu and by the parameters."""
+        phi = 1j * omega
+        soft = 1.0 / (p + phi * (damping + phi))
+        terms = -(n + mu * t) * n * soft**2
+        turned = np.sum((mu * (n**2 - t**2) - 2.0 * n * t) * soft)
+        by_damping = (phi * terms)[: m if damped else 0]
+        own_terms = 8.0 * np.pi**2 * own.frequency * terms[:m]
+        by_each = np.concatenate([own_terms, by_damping, [turned]])
+        return 1j * np.sum(terms * (damping + 2.0 * phi)), np.sum(n * t * soft), by_each
+
+    by_mu, by_frequency = np.empty((2, len(names), len(onsets.mu)))
+    none = np.zeros(by_mu.shape, dtype=bool)
+    for k, (mu, frequency) in enumerate(zip(onsets.mu.tolist(), onsets.frequency.tolist(), strict=True)):
+        omega = 2.0 * np.pi * frequency
+        by_omega, by_friction, by_each = slopes(omega, mu)
+        flatness = _cross(by_omega, by_friction)
+        by_mu[:, k] = -_cross(by_omega, by_each) / flatness
+        by_frequency[:, k] = -_cross(by_each, by_friction) / flatness / (2.0 * np.pi)
+        # How this, which is zero at a fold, changes on the way of two steps of a parameter.
+        ahead = slopes(omega * (1.0 + STEP), mu)
+        change = (_cross(*ahead[:2]) / flatness - 1.0) / (STEP * frequency)
+        none[:, k] = ~(np.abs(2.0 * STEP * values * by_frequency[:, k] * change) <= BENT)
+    of_mu, of_frequency = (
+        dict(zip(names, np.where(none, np.nan, each), strict=True)) for each in (by_mu, by_frequency)
+    )
+    by_share, frequency_by_share = (
+        {name: value * gradient[name] / root for name, value in zip(names, values.tolist(), strict=True)}
+        for gradient, root in ((of_mu, onsets.mu), (of_frequency, onsets.frequency))
+    )
+    near = np.asarray(none.any(axis=0))
+    return OnsetSensitivity(onsets.mu, onsets.frequency, of_mu, of_frequency, by_share, frequency_by_share, near)
+
+
+def _cross(one: Any, other: Any) -> Any:
+    """Determinant of two complex numbers as columns."""
+    return np.real(one) * np.imag(other) - np.imag(one) * np.real(other)
 
 
 def _stencil(name: str, value: float, step: float, rig: Rig) -> Array:

@@ -2,7 +2,8 @@
 
 V > 0: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and the load F not at
 all. Proportional damping maps the undamped eigenvalue lambda (`fivcore.stability.secular`) to the pair phi with
-phi^2 + (d1 + d2 lambda) phi + lambda = 0.
+phi^2 + (d1 + d2 lambda) phi + lambda = 0, with static modes damped alike: their compliance is that at rest times
+1 / (1 + d2 phi). Damping by mode, which leaves them undamped, has no such mapping (`fivcore.stability.by_mode`).
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from fivcore import checks
 from fivcore.beams.modes import EPS, contact_modes, rig_bases
 from fivcore.errors import InputError
 from fivcore.jit import Array, Complex, ReadOnlyArrays
-from fivcore.rig import Rig
+from fivcore.rig import Rig, Structural, checked_theta
+from fivcore.stability.by_mode import damped_by_mode, damped_problem, damped_roots
 from fivcore.stability.secular import MOST_REPORTED, damp, sliding_problem, sliding_roots
+from fivcore.structure import Structure, structure_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,15 +34,15 @@ class SlidingModes(ReadOnlyArrays):
         Im(phi) / 2 pi, Hz, zero for a mode that does not oscillate; Re(phi), 1/s, above zero for a mode that grows
         (the paper's eta with its sign turned). The leading dimensions are those of theta and mu broadcast.
     eigenvalue : ndarray, (..., modes)
-        The undamped eigenvalue lambda, rad2/s2.
+        The undamped eigenvalue lambda, rad2/s2; with damping by mode, where there is none, -phi^2.
     uncoupled : ndarray of bool, (..., modes)
         Whether the mode has a node at the contact, so that friction does not change it.
     theta, mu : ndarray, (...)
         Degrees and 1.
     fmax : float
         The band, Hz: modes above it are not listed, nor those with |phi| above twice its angular frequency. Above
-        20 kHz the undamped model has growing pairs that depend on mesh and basis.
-    rig : Rig
+        20 kHz the undamped beams have growing pairs that depend on mesh and basis.
+    rig : Rig or Structure
     """
 
     frequency: Array
@@ -49,7 +52,7 @@ class SlidingModes(ReadOnlyArrays):
     theta: Array
     mu: Array
     fmax: float
-    rig: Rig
+    rig: Structural
 
     @property
     def unstable(self) -> NDArray[np.bool_]:
@@ -60,8 +63,11 @@ class SlidingModes(ReadOnlyArrays):
     def shape(self) -> Complex:
         """(..., modes, nodes, 3): displacement along x, along y, and rotation; the largest translation is 1.
 
-        P1's nodes from A to C come first, then P2's from the clamp to the free end (`node_positions`).
+        P1's nodes from A to C come first, then P2's from the clamp to the free end (`node_positions`). Of a
+        structure (..., modes, n): modal coordinates, the largest of which is 1.
         """
+        if not isinstance(self.rig, Rig):
+            return self._modal_shape(structure_of(self.rig, 0.0))
         nodes = self.rig.p1.elements + self.rig.p2.elements + 2
         shapes = np.full((*self.frequency.shape, nodes, 3), complex(np.nan, np.nan))
         for index in zip(*np.nonzero(np.isfinite(self.frequency)), strict=True):
@@ -85,15 +91,35 @@ class SlidingModes(ReadOnlyArrays):
             shapes[index] = shape / translations[np.argmax(np.abs(translations))]
         return shapes
 
+    def _modal_shape(self, own: Structure) -> Complex:
+        shapes = np.full((*self.frequency.shape, len(own.frequency)), complex(np.nan, np.nan))
+        for index in zip(*np.nonzero(np.isfinite(self.frequency)), strict=True):
+            phi = complex(self.growth_rate[index], 2.0 * np.pi * self.frequency[index])
+            force = own.normal + self.mu[index[:-1]] * own.tangential
+            distance = own.stiffness + phi * (own.damping + phi)
+            if self.uncoupled[index]:
+                i, j = np.flatnonzero(np.abs(distance) <= 64.0 * EPS * own.stiffness)[[0, -1]]
+                q = np.zeros_like(distance)
+                q[[i, j]] = (1.0, 1.0) if i == j else (own.normal[j], -own.normal[i])
+            else:
+                nearest = np.argmin(np.where(force != 0.0, np.abs(distance), np.inf))
+                others = np.arange(len(force)) != nearest
+                q = force * np.divide(distance[nearest], distance, out=np.ones_like(distance), where=others)
+            q = q[: shapes.shape[-1]]
+            shapes[index] = q / q[np.argmax(np.abs(q))]
+        return shapes
 
-def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingModes:
+
+def sliding_modes(rig: Structural, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingModes:
     """Complex modes of the steady sliding state for V > 0 (equations (10) to (12) of the paper).
 
-    Eigenvalues are those of the finite-element model with all its modes, without truncation.
+    Eigenvalues are those of the finite-element model with all its modes, without truncation. With damping by mode
+    every real one is listed, else of the two real ones that an undamped eigenvalue has the larger.
 
     Parameters
     ----------
-    rig : Rig
+    rig : Rig or Structure
+        With a structure theta is 0.
     theta, mu : float or array_like
         Degrees; coefficient of friction, broadcast against each other.
     fmax : float
@@ -108,18 +134,24 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
     ValueError, ArithmeticError
         For an argument out of range; if one could have been missed, by their number after the argument principle.
     """
-    checks.instance("rig", rig, Rig)
+    checked_theta("rig", rig, 0.0)
     band = checks.band(fmax)
-    angles = checks.array("theta", theta, checks.theta_degrees)
+    angles = checks.array("theta", theta, lambda each: checked_theta("rig", rig, each))
     frictions = checks.array("mu", mu, checks.friction)
     try:
         angles, frictions = np.broadcast_arrays(angles, frictions)
     except ValueError:
         raise InputError(f"mu of shape {frictions.shape}: it must broadcast with theta, {angles.shape}") from None
     angles, frictions = angles.copy(), frictions.copy()
-    problems = {angle: sliding_problem(rig, angle, band) for angle in np.unique(angles).tolist()}
+    own = structure_of(rig, 0.0)
+    by_mode = damped_by_mode(own, band)
+    problems = {
+        angle: damped_problem(own, band) if by_mode else sliding_problem(rig, angle, band)
+        for angle in np.unique(angles).tolist()
+    }
+    find = damped_roots if by_mode else sliding_roots
     points = list(zip(angles.ravel().tolist(), frictions.ravel().tolist(), strict=True))
-    solved = [(problems[angle], sliding_roots(problems[angle], friction)) for angle, friction in points]
+    solved = [(problems[angle], find(problems[angle], friction)) for angle, friction in points]
     places = max((len(roots) + len(problem.uncoupled) for problem, roots in solved), default=0)
     values = np.full((len(solved), places), complex(np.nan, np.nan))
     uncoupled = np.zeros(values.shape, dtype=bool)
@@ -130,7 +162,11 @@ def sliding_modes(rig: Rig, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingM
         row[np.abs(row) > MOST_REPORTED] = complex(np.nan, np.nan)
         row *= problem.unit
     phi = np.empty_like(values)
-    damp(values.ravel(), rig.d1, rig.d2, phi.ravel())
+    if by_mode:
+        phi[:] = values
+        values = -(phi**2)
+    else:
+        damp(values.ravel(), rig.d1, rig.d2, phi.ravel())
     omega = 2.0 * np.pi * band
     phi[(phi.imag > omega) | (np.abs(phi) > 2.0 * omega)] = complex(np.nan, np.nan)
     missing = np.isnan(phi)

@@ -8,13 +8,15 @@ import numpy as np
 
 from fivcore import checks
 from fivcore.beams.modes import contact_modes, rig_bases
+from fivcore.errors import InputError
 from fivcore.jit import Array, kernel
-from fivcore.rig import Rig
+from fivcore.rig import Rig, Structural, checked_theta
+from fivcore.structure import structure_of
 
 HEAVIEST = 1e9  # kg, the largest concentrated mass that tuning gives
 
 
-def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
+def glued_frequencies(rig: Structural, theta: float, count: int = 8) -> Array:
     """Natural frequencies of the undamped rig with both translations of C tied to P2, rotations free.
 
     Those of the finite-element model with all its modes, to rounding. Each is bisected with the number of
@@ -23,9 +25,9 @@ def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
 
     Parameters
     ----------
-    rig : Rig
+    rig : Rig or Structure
     theta, count : float, int
-        Degrees; how many, from the lowest.
+        Degrees, 0 with a structure; how many, from the lowest: two less than there are modes.
 
     Returns
     -------
@@ -37,9 +39,12 @@ def glued_frequencies(rig: Rig, theta: float, count: int = 8) -> Array:
     ValueError
         For an argument out of range.
     """
-    checks.instance("rig", rig, Rig)
-    stiffness, normal, tangential = contact_modes(rig, checks.theta_degrees(theta))
-    number = checks.count("count", count, len(stiffness) - 2)
+    own = structure_of(rig, checked_theta("rig", rig, theta))
+    stiffness, normal, tangential = own.stiffness, own.normal, own.tangential
+    modes = len(own.frequency) - 2
+    if modes < 1:
+        raise InputError(f"rig = {checks.short(rig)}: with its contact tied it has no mode")
+    number = checks.count("count", count, modes)
     # Two constraints raise the k-th eigenvalue, at most to the free one two places above. Each mode has a bracket
     # of its own, so that its bits do not depend on the count.
     free = np.sort(stiffness)
