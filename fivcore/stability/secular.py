@@ -19,9 +19,10 @@ import numpy as np
 
 from fivcore.beams.modes import EPS
 from fivcore.errors import UnsolvedError
+from fivcore.finite_elements import STATIC
 from fivcore.jit import Array, Complex, kernel
 from fivcore.rig import Structural
-from fivcore.structure import STATIC, Structure, structure_of
+from fivcore.structure import Structure, structure_of
 
 # In units of the band's lambda: roots are counted within this; eigenvalues reported are at most MOST_REPORTED.
 RADIUS, MOST_REPORTED = 6.0, 5.0
@@ -231,8 +232,8 @@ def winding(p: Array, c: Array, tail: Array) -> int:
     while angle < np.pi:
         width = min(width, np.pi - angle)
         if p.ndim == 2:
-            # A root next to a pole turns f only within some of their distance, which a longer step would miss. Without
-            # damping by mode they are on the real axis, where the path begins and ends.
+            # A root next to a pole turns f only within some of their distance, which a longer step would miss.
+            # Without damping by mode they are on the real axis, where the path begins and ends.
             z = RADIUS * np.exp(1j * angle)
             for i in range(p.shape[1]):
                 away = abs(p[0, i] + z * (p[1, i] + z)) / (RADIUS + p[1, i] + np.sqrt(p[0, i]))

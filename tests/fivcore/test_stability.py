@@ -22,7 +22,6 @@ from fivcore import (
 from fivcore.beams.similar import secular_root
 from fivcore.rig import P1, P2
 from fivcore.stability import many, secular, sliding
-from fivcore.structure import Structure
 from tests.helpers.rigs import angles, frictions, rigs
 from tests.helpers.scattered import scattered
 
