@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from fivcore.errors import InputError
 
@@ -86,3 +87,20 @@ def short(value: Any) -> str:
     """A value in a message: one line of at most 60 characters."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def square_matrix(name: str, value: Any, size: int | None = None) -> Any:
+    """Return a real, finite matrix of NumPy or SciPy as a CSR array, square or of shape (`size`, `size`)."""
+    try:
+        value = value if sparse.issparse(value) else np.asarray(value)
+    except (TypeError, ValueError):
+        value = np.array(None)
+    shape, side = value.shape, size or "n"
+    if value.dtype.kind not in "iuf" or len(shape) != 2 or not shape[0] == shape[1] == (size or shape[0]) > 0:
+        raise InputError(
+            f"{name} of shape {shape}, {value.dtype}: it must be a real matrix of shape ({side}, {side})"
+        )
+    matrix = sparse.csr_array(value, dtype=float)
+    if (wrong := matrix.data[~np.isfinite(matrix.data)]).size:
+        raise InputError(f"{name} has an entry {wrong[0]}: all must be finite")
+    return matrix

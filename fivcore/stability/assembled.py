@@ -1,0 +1,267 @@
+"""Complex modes of assembled finite-element models with friction, and the friction at which they begin to grow.
+
+Shift and invert on the imaginary axis gives all modes in a band at a few values of mu (Tisseur and Meerbergen,
+SIAM Review 43, 2001, 235-286). Their real and imaginary parts are a basis for the other values: Galerkin
+projection leaves a small dense problem. Every mode is tested in the full problem; where one fails, the full
+problem is solved at that mu and its modes join the basis. Up to DENSE degrees of freedom everything is solved
+densely.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from scipy import linalg, optimize
+from scipy.sparse.linalg import LinearOperator, eigs, splu
+
+from fivcore import checks
+from fivcore.beams.modes import EPS
+from fivcore.errors import InputError, UnsolvedError
+from fivcore.jit import Array, Complex, ReadOnlyArrays
+
+# Degrees of freedom up to which nothing is projected.
+DENSE = 200
+# Bound of |Re lam| by the band; by how much more the basis covers; shifts; eigenvalues at each, to begin with.
+SIDE, MARGIN, SHIFTS, NEAREST = 0.5, 1.1, 2, 30
+# Largest residual; largest residual by what is left out of the basis; |Re lam| / |lam| of a neutral mode.
+TOLERANCE, DROP, NEUTRAL = 1e-8, 1e-9, 1e-7
+# Intervals of mu searched for onsets, and the shortest to which one is halved, as a fraction of mu_max.
+CELLS, SHORTEST = 64, 1e-5
+_norm = partial(np.linalg.norm, axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class AssembledModes(ReadOnlyArrays):
+    """Modes in a band, one of each conjugate pair, ascending in frequency; missing ones are NaN.
+
+    Attributes
+    ----------
+    mu : ndarray, (...)
+    frequency, growth_rate : ndarray, (..., modes)
+        Im(lam) / 2 pi, Hz, 0 for a real eigenvalue; Re(lam), 1/s, above 0 for a mode that grows and exactly 0 for
+        a neutral one: within `growth_error`, or within 1e-7 |lam|, which hangs on the matrices' eighth digit.
+    residual : ndarray, (..., modes)
+        |lam^2 M x + lam C x + (K + mu Kf) x| over the sum of the terms' norms, or over 1e8 times their rounding.
+    growth_error : ndarray, (..., modes)
+        Estimated error of lam, 1/s, to first order: condition number times residual and rounding.
+    """
+
+    mu: Array
+    frequency: Array
+    growth_rate: Array
+    residual: Array
+    growth_error: Array
+
+
+class _Problem:
+    """The matrices at any mu, and the basis. Modes are columns of an array: lam, residual, error, d lam / d mu."""
+
+    def __init__(self, mu: float, fmax: float, *parts: Any) -> None:
+        self.band, self.parts = 2.0 * np.pi * checks.band(fmax), parts
+        mass, _, stiffness, _ = self.matrices(mu)
+        # The unit of lam: the band, unless all eigenvalues are far below it.
+        scale = np.sqrt(abs(stiffness).max() / (abs(mass).max() or 1.0)) or self.band
+        self.size, self.unit = mass.shape[0], min(self.band, float(scale))
+        self.vectors = self.basis = np.eye(self.size, self.size if self.size <= DENSE else 0)
+        self.small: list[Array] = []
+        self.counts, self.solutions = [NEAREST] * SHIFTS, 0
+
+    def matrices(self, mu: float) -> list[Any]:
+        """M, C, K and Kf at this mu, checked."""
+        mass, *others = (part(mu) if callable(part) else part for part in self.parts)
+        mass = checks.square_matrix("mass", mass)
+        if (most := abs(mass - mass.T).max()) > 1e-10 * abs(mass).max():
+            raise InputError(f"mass differs from its transpose by {most:g}: it must be symmetric")
+        for place, name in enumerate(("damping", "stiffness", "friction_stiffness")):
+            value = 0.0 * mass if others[place] is None and name != "stiffness" else others[place]
+            others[place] = checks.square_matrix(name, value, mass.shape[0])
+        return [mass, *others]
+
+    def inside(self, lam: Complex, margin: float = 1.0) -> Any:
+        top = margin * self.band
+        return (lam.imag >= -NEUTRAL * self.unit) & (lam.imag <= top) & (np.abs(lam.real) <= SIDE * top)
+
+    def modes(self, mu: float) -> Complex:
+        """All modes of the region at this mu; lam of a neutral one has the real part 0."""
+        try:
+            found = self.project(mu)
+            lam, solved = found[0], found[1].real <= TOLERANCE
+            if self.size > DENSE and (self.solutions < 3 or not solved.all()):
+                lam, found = self.solve(mu), self.project(mu)
+                found = found[:, found[1].real <= TOLERANCE]
+                solved = np.abs(np.subtract.outer(lam, found[0])).min(axis=1, initial=np.inf) < 1e-6 * self.unit
+        except (RuntimeError, np.linalg.LinAlgError) as error:
+            text = "every degree of freedom needs mass, damping or stiffness"
+            raise InputError(f"matrices at mu = {mu:g}: {error}; {text}") from None
+        if (missing := lam[~solved & self.inside(lam)]).size:
+            place = f"{missing[0].imag / (2.0 * np.pi):.6g} Hz, mu = {mu:g}"
+            raise UnsolvedError(f"assembled modes: at {place}, a residual stays above {TOLERANCE:g}")
+        found = found[:, self.inside(found[0])]
+        found[0].real[np.abs(found[0].real) <= np.maximum(found[2].real, NEUTRAL * np.abs(found[0]))] = 0.0
+        found[0].imag[np.abs(found[0].imag) <= NEUTRAL * self.unit] = 0.0
+        return found[:, np.lexsort((found[0].real, found[0].imag))]
+
+    def project(self, mu: float) -> Complex:
+        """Modes of the projected problem in the region and its margin."""
+        given = self.matrices(mu)
+        if not self.small or any(map(callable, self.parts)):
+            self.small = [self.basis.T @ (matrix @ self.basis) for matrix in given]
+        # Inversion at a real shift: eigenvalues up to its size are accurate whatever the largest ones.
+        shift, (m, c, k, f), size = 1.1 * self.unit, self.small, self.basis.shape[1]
+        m, c, k = shift**2 * m, shift * c, k + mu * f
+        half = np.linalg.solve(m + c + k, np.hstack([c + m, m]))
+        inverse, left, right = linalg.eig(np.vstack([-half, np.eye(size, 2 * size) - half]), left=True)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            lam = shift + shift / inverse
+            kept = self.inside(lam, MARGIN)
+            lam, right, left = lam[kept], right[:size, kept], (left[:size] + left[size:])[:, kept]
+            left = np.linalg.solve((m + c + k).T, left)
+            turn = np.sum(left.conj() * (2.0 * lam / shift * (m @ right) + c @ right), axis=0) / shift
+            slope = -np.sum(left.conj() * (f @ right), axis=0) / turn
+            full = given[0], given[1], given[2] + mu * given[3]
+            rest, scale, rounding = _forces(*full, lam, self.basis @ right, self.unit)
+            return np.array([lam, rest / scale, _norm(left) * (rest + rounding) / np.abs(turn), slope])
+
+    def solve(self, mu: float) -> Complex:
+        """Return the full problem's eigenvalues there, some twice, and add their vectors to the basis."""
+        mass, damping, stiffness, friction = self.matrices(mu)
+        stiffness, pairs, half = stiffness + mu * friction, [], 0.5 * MARGIN * self.band / SHIFTS
+        for index in range(SHIFTS):
+            # Discs hold the rectangles of which the region consists.
+            shift, radius = 1j * half * (2 * index + 1), float(np.hypot(half, SIDE * MARGIN * self.band))
+            pair, self.counts[index] = _nearest(mass, damping, stiffness, shift, radius, self.counts[index])
+            pairs.append(pair[:, self.inside(pair[0], MARGIN)])
+        lam, vectors = np.hstack(pairs)[0], np.hstack(pairs)[1:]
+        # What is left out of the basis is measured by its forces, as residuals are.
+        vectors = vectors / _forces(mass, damping, stiffness, lam, vectors, self.unit)[1]
+        weight = stiffness + (0.01 * self.unit) ** 2 * mass
+        vectors = np.hstack([self.vectors, vectors.real, vectors.imag])
+        _, values, turn = np.linalg.svd(weight @ vectors, full_matrices=False)
+        kept = values > DROP
+        self.vectors, self.small, self.solutions = vectors @ turn[kept].T, [], self.solutions + 1
+        self.basis = np.linalg.qr(self.vectors / values[kept])[0]
+        return lam
+
+
+def _forces(m: Any, c: Any, k: Any, lam: Complex, x: Complex, unit: float) -> tuple[Any, Any, Any]:
+    """Norms of (lam^2 M + lam C + K) x, of what it is relative to, and of rounding in it."""
+    forces, size = (lam**2 * (m @ x), lam * (c @ x), k @ x), np.maximum(np.abs(lam), unit)
+    rounding = sum(size**power * abs(each).sum(axis=1).max() for power, each in enumerate((k, c, m)))
+    rounding = 8.0 * EPS * rounding * _norm(x)
+    return _norm(sum(forces)), np.maximum(sum(map(_norm, forces)), rounding / TOLERANCE), rounding
+
+
+def _nearest(m: Any, c: Any, k: Any, shift: complex, radius: float, count: int) -> tuple[Complex, int]:
+    """Find `count` eigenvalues nearest to a shift, or more until they fill a disc; their vectors stand below."""
+    size, unit, force = m.shape[0], abs(shift), c + shift * m
+    factors = splu((shift * force + k).tocsc(), permc_spec="MMD_AT_PLUS_A")
+
+    def invert(state: Complex) -> Complex:
+        # The state is x and lam x / unit.
+        x = -factors.solve(unit * (m @ state[size:]) + force @ state[:size])
+        return np.concatenate([x, (state[:size] + shift * x) / unit])
+
+    operator = LinearOperator((2 * size, 2 * size), matvec=invert, dtype=complex)
+    start, most = np.random.default_rng(0).standard_normal(2 * size) + 0j, 2 * size - 2
+    while True:
+        inverse, states = eigs(operator, k=min(count, most), v0=start, tol=1e-12)
+        if count >= most or np.abs(1.0 / inverse).max() >= radius:
+            return np.vstack([shift + 1.0 / inverse, states[:size]]), count
+        count *= 2
+
+
+def assembled_modes(
+    mass: Any, damping: Any, stiffness: Any, *, friction_stiffness: Any = None, mu: Any = 1.0, fmax: float = 10e3
+) -> AssembledModes:
+    """All modes of (lam^2 M + lam C + K + mu Kf) x = 0 with 0 <= Im(lam) <= w, |Re(lam)| <= w / 2, w = 2 pi fmax.
+
+    Real eigenvalues, of overdamped or diverging motion, have frequency 0. Up to DENSE degrees of freedom no mode
+    is missing; above, none at the smallest, the largest and a middle mu, nor wherever else the full problem is
+    solved, as far as the Arnoldi method finds all eigenvalues in a disc. At any other mu, a mode is missing only
+    if it comes from outside and the basis does not show it there, within 1.1 times the region.
+
+    Parameters
+    ----------
+    mass, damping, stiffness, friction_stiffness : array_like, sparse or callable
+        Real. M is symmetric and may be singular; C, K and Kf need no symmetry; C and Kf may be None. A function
+        is called with an entry of mu and returns the matrix: mu may be any parameter, such as a speed.
+    mu : float or array_like
+        Factor of Kf.
+    fmax : float
+        Band, Hz.
+
+    Returns
+    -------
+    AssembledModes
+
+    Raises
+    ------
+    ValueError, ArithmeticError
+        For an argument out of range; for a residual that stays above 1e-8.
+    """
+    values = checks.array("mu", mu, lambda each: checks.number("mu", each, "a finite number", lambda _: True))
+    places = np.unique(values).tolist()
+    problem = _Problem(places[0] if places else 0.0, fmax, mass, damping, stiffness, friction_stiffness)
+    # The largest first, then the smallest, the middle, quarters and so on.
+    order = sorted(range(-1, len(places) - 1), key=lambda index: (index >= 0, f"{index:032b}"[::-1]))
+    found = {places[index]: problem.modes(places[index]) for index in order}
+    table = np.full((4, values.size, max((each.shape[1] for each in found.values()), default=0)), np.nan * 1j)
+    for row, value in enumerate(values.ravel().tolist()):
+        table[:, row, : found[value].shape[1]] = found[value]
+    lam, residual, error, _ = table.reshape(4, *values.shape, table.shape[2])
+    return AssembledModes(values, lam.imag / (2.0 * np.pi), lam.real, residual.real, error.real)
+
+
+def assembled_onsets(
+    mass: Any, damping: Any, stiffness: Any, friction_stiffness: Any, fmax: float = 10e3, mu_max: float = 1.0
+) -> tuple[Array, Array]:
+    """Factors mu of Kf at which a growth rate rises through zero, ascending, and frequencies there, Hz.
+
+    A frequency of 0 is that of a divergence. Growing modes are counted at CELLS + 1 values of mu; an interval is
+    halved where more than one joins them or where a tangent says that one may. A mode that grows only within one
+    interval without such a sign is overlooked. Arguments and errors are those of `assembled_modes`, without
+    functions; both results are (n,).
+    """
+    parts = mass, damping, stiffness, friction_stiffness
+    if any(map(callable, parts)):
+        raise InputError("a matrix is a function: onsets need matrices; mu is the factor of friction_stiffness")
+    most = checks.between("mu_max", mu_max, 1e-12, 1e6, "a factor of friction_stiffness")
+    problem = _Problem(0.0, fmax, *parts)
+
+    @cache
+    def growing(mu: float) -> Complex:
+        """Modes that are not neutral, the fastest growing first."""
+        found = problem.modes(mu)
+        order = np.argsort(-found[0].real)
+        return found[:, order[found[0, order].real != 0.0]]
+
+    def rate(mu: float, place: int) -> float:
+        return float(growing(mu)[0, place].real) if place < growing(mu).shape[1] else -problem.unit
+
+    grid, onsets = np.linspace(0.0, most, CELLS + 1).tolist(), []
+    # The first three are solved in full.
+    cells, _ = list(pairwise(grid)), [growing(mu) for mu in (0.0, most, grid[CELLS // 2])]
+    while cells:
+        low, high = cells.pop()
+        ends = [(growing(mu)[0].real, growing(mu)[3].real * (0.5 * (low + high) - mu)) for mu in (low, high)]
+        before, after = (int(np.count_nonzero(now > 0.0)) for now, _ in ends)
+        doubt = any(((now < 0.0) & (now + 2.0 * change > 0.0)).any() for now, change in ends)
+        if (after > before + 1 or (after <= before and doubt)) and high - low > SHORTEST * most:
+            cells += [(low, 0.5 * (low + high)), (0.5 * (low + high), high)]
+            continue
+        for place in range(before, after):
+            mu = root = optimize.brentq(rate, low, high, (place,), xtol=1e-14 * most, rtol=4.0 * EPS)
+            step = 1e-14 * most
+            while rate(mu, place) <= 0.0:
+                mu, step = min(root + step, high), 4.0 * step
+            # Back along the tangent, unless the mode grew already when it came into the region.
+            lam, _, error, slope = growing(mu)[:, place]
+            if lam.real < 100.0 * max(error.real, NEUTRAL * abs(lam)):
+                back = lam.real / slope.real
+                onsets.append((mu - back, (lam - back * slope).imag / (2.0 * np.pi)))
+    mus, frequencies = np.array(sorted(onsets)).reshape(-1, 2).T
+    return mus, frequencies
