@@ -133,7 +133,7 @@ def classics(case: Any) -> dict[str, Any]:
 def describe(data: xr.Dataset) -> xr.Dataset:
     """Add model, equation and source of each case."""
     rows = [(CASES[case][0], *MODELS[CASES[case][0]]) for case in data["case"].values.tolist()]
-    return data.assign({name: ("case", [row[k] for row in rows]) for k, name in enumerate(ABOUT)})
+    return data.assign({x: ("case", [row[k] for row in rows], {"long_name": x}) for k, x in enumerate(ABOUT)})
 
 
 def summarise(data: xr.Dataset) -> Iterator[Any]:
