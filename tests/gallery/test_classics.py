@@ -1,0 +1,59 @@
+"""Classical models: published digits, stated accuracy, and the order of `fast`."""
+
+import pytest
+
+from studies.gallery.classics import CASES, CLOSED, MOTION
+
+# Their last digits are rounded.
+PUBLISHED = {
+    "Hoffmann: onset": (0.75, 1e-12),
+    "Hoffmann: growth at mu = 1": (0.2020717688, 5e-11),
+    "Hulten: undamped, Hz": (88.388348, 5e-7),
+    "Hulten: onset, eta = 0, 0": (7.0 / 24.0, 1e-12),
+    "Hulten: onset, eta = 0.02, 0.02": (0.2893671255, 5e-11),
+    "Hulten: onset, eta = 0.02, 0.06": (0.2717900338, 5e-11),
+    "Hulten: onset, eta = 0.06, 0.02": (0.2355513626, 5e-11),
+    "Hulten: onset, eta = 0.02, 0.002": (0.1487132720, 5e-11),
+    "Coulomb decay: turn 1, .1 mm": (-4.5962, 5e-5),
+    "Coulomb decay: turn 2, .1 mm": (3.1820, 5e-5),
+    "Coulomb decay: turn 3, .1 mm": (-1.7678, 5e-5),
+    "Coulomb decay: rest, .1 mm": (0.3536, 5e-5),
+    "Seven swings: turn": (13.3178210633, 5e-11),
+    "Seven swings: time": (0.4324077756, 5e-11),
+    "Seven swings: rest": (0.6821789367, 5e-11),
+    "Impacting bar: pressure": (300.0, 1e-12),
+}
+# Every event is at the end of a step: nothing hides the order.
+SMOOTH = [
+    name for name in CASES if name.startswith(("Coulomb", "Belt: most", "Belt: least", "Seven swings: turn"))
+]
+
+
+@pytest.fixture(scope="module")
+def data(computed):
+    return computed("classics")
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_each_value_is_within_its_stated_accuracy(case, data):
+    one = data.sel(case=case)
+    assert float(one["accuracy"]) == (MOTION if case.startswith(("Coulomb", "Seven", "Belt")) else CLOSED)
+    assert abs(float(one["difference"])) <= float(one["accuracy"])
+    assert float(one["ours"] - one["expected"]) == float(one["difference"])
+
+
+@pytest.mark.parametrize("case", PUBLISHED)
+def test_the_closed_forms_have_the_published_digits(case, data):
+    value, error = PUBLISHED[case]
+    assert float(data["expected"].sel(case=case)) == pytest.approx(value, abs=error)
+
+
+def test_uneven_damping_halves_the_onset(data):
+    even, uneven = (data["ours"].sel(case=f"Hulten: onset, eta = 0.02, {eta}") for eta in (0.02, 0.002))
+    assert float(uneven / even) == pytest.approx(0.5, abs=0.02)
+
+
+@pytest.mark.parametrize("case", SMOOTH)
+def test_half_the_step_of_fast_has_a_quarter_of_the_error(case, data):
+    one = data.sel(case=case)
+    assert float(one["fast"] / one["fast_half"]) == pytest.approx(4.0, rel=0.02)
