@@ -25,11 +25,10 @@ from fivcore.transient.options import Until
 from fivcore.transient.simulate import painleve_mu, simulate, simulate_many
 
 __all__ = [
-    "AssembledModes", "Beam", "ContactError", "DivergenceError", "FixedContactWarning", "FlutterOnsets", "InputError",
-    "ManyFlutterOnsets", "OnsetCurve", "OnsetCurves", "OnsetSensitivity", "OutOfBandWarning", "Rig", "Scene",
-    "SlidingModes", "State", "Structure", "Transient", "UnsolvedError", "UnstableWindows", "Until",
-    "assembled_modes", "assembled_onsets",
-    "flutter_onsets", "flutter_onsets_many",
-    "glued_frequencies", "node_positions", "onset_curves", "onset_sensitivity", "painleve_mu", "simulate",
-    "simulate_many", "sliding_modes", "tune_head_mass", "unstable_windows",
+    "AssembledModes", "Beam", "ContactError", "DivergenceError", "FixedContactWarning", "FlutterOnsets",
+    "InputError", "ManyFlutterOnsets", "OnsetCurve", "OnsetCurves", "OnsetSensitivity", "OutOfBandWarning", "Rig",
+    "Scene", "SlidingModes", "State", "Structure", "Transient", "UnsolvedError", "UnstableWindows", "Until",
+    "assembled_modes", "assembled_onsets", "flutter_onsets", "flutter_onsets_many", "glued_frequencies",
+    "node_positions", "onset_curves", "onset_sensitivity", "painleve_mu", "simulate", "simulate_many",
+    "sliding_modes", "tune_head_mass", "unstable_windows",
 ]  # fmt: skip
