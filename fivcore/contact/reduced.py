@@ -33,9 +33,9 @@ from fivcore.structure import structure_of
 MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "point_b", "load")
 # Default step of `fast` in units of the contact's own time 1 / omega (with 1.75 the paper's rig balances its
 # energy to 0.3 %, with 1.92 to 1 %); without a dashpot, which damps the step's energy error; of a rigid contact,
-# in units of the fastest mode's time; and the largest step, below the 2.389 at which the paper's rig loses its
-# stability in stick (`step_map`), for any mu.
-STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 1.75, 0.3, 0.5, 2.35
+# in units of the fastest mode's time: of the beams, and of few modes, which all matter; and the largest step, below
+# the 2.389 at which the paper's rig loses its stability in stick (`step_map`), for any mu.
+STEP, ELASTIC_STEP, RIGID_STEP, FEW_STEP, LIMIT = 1.75, 0.3, 0.5, 0.1, 2.35
 # Statistics are sampled so often, s; where a default step is not longer, a whole number of them fills the time.
 INTERVAL = 20e-6
 # Hz. With SHARE of the frequency that follows from it the largest error of a share of time is below 0.008 on half
@@ -73,6 +73,8 @@ class ReducedModel(ReadOnlyArrays):
         Time between two samples, s.
     gap : float
         Static normal gap of the modes that are not kept under a unit load, m; 0 where a rigid mode closes it.
+    rigid_step : float
+        Default step in rigid contact, in units of the fastest mode's time.
     """
 
     stiffness: Array
@@ -87,6 +89,7 @@ class ReducedModel(ReadOnlyArrays):
     C: Array
     interval: float = INTERVAL
     gap: float = 0.0
+    rigid_step: float = RIGID_STEP
 
     @cached_property
     def shapes(self) -> Array:
@@ -148,7 +151,7 @@ class ReducedModel(ReadOnlyArrays):
         """Step of `fast`, s: a whole part of `INTERVAL`, and where it is longer rounded down to two digits."""
         omega, damping = self.contact_frequency, float(self.damping.max())
         share = STEP if self.C.any() else ELASTIC_STEP
-        most = share / omega if omega else RIGID_STEP / float(np.sqrt(self.stiffness.max()))
+        most = share / omega if omega else self.rigid_step / float(np.sqrt(self.stiffness.max()))
         # The law takes the mean of a velocity over an impulse, so a mode may not lose more than e^-2 of it.
         most = min(most, 2.0 / damping) if damping > 0.0 else most
         if most <= self.interval:
@@ -171,7 +174,7 @@ def full_model(rig: Structural, theta: float) -> ReducedModel:
     load = own.load / own.preload
     return ReducedModel(
         own.stiffness, own.damping, own.normal, own.tangential, own.inertia, own.output, load, kept, none, none,
-        INTERVAL * own.time_unit,
+        INTERVAL * own.time_unit, rigid_step=RIGID_STEP if isinstance(rig, Rig) else FEW_STEP,
     )  # fmt: skip
 
 

@@ -122,12 +122,12 @@ def test_studies_are_loaded_without_matplotlib():
 @pytest.mark.parametrize(
     ("folder", "suffixes", "lines"),
     [
-        ("fivcore", (".py",), 6950),
+        ("fivcore", (".py",), 8450),
         ("sweeps", (".py",), 4510),
-        ("studies", (".py",), 10_500),
+        ("studies", (".py",), 10_700),
         ("studies", (".js", ".css", ".j2"), 500),
         ("tests/sweeps", (".py",), 2950),
-        ("tests", (".py",), 14_500),
+        ("tests", (".py",), 15_600),
     ],
 )
 def test_code_stays_within_its_bounds(folder, suffixes, lines):

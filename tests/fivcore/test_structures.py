@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from fivcore import InputError, Rig, Scene, Structure, simulate
+from fivcore import InputError, Rig, Scene, Structure, flutter_onsets, simulate
 from tests.helpers.plate import plate
 from tests.helpers.reference import assemble
 
@@ -88,6 +88,20 @@ def test_a_mass_on_a_belt_with_one_mode():
     assert run.summary["first_slip_time"] == pytest.approx(55.0, abs=0.5)
     assert run.tangential_force[-1] == pytest.approx(0.5, abs=1e-9)
     assert run.normal_force == pytest.approx(1.0, abs=1e-9)
+
+
+def test_energy_balances_where_a_rigid_contact_lands_in_stick():
+    """The landing takes the tangential motion too: not as friction a second time."""
+    modes = {
+        "normal": [0.7, 1.02, -1.28, 0.21],
+        "tangential": [0.0, -0.57, -0.45, -0.22],
+        "load": [-0.7, 0.0, 0.0, 0.0],
+    }
+    structure = Structure.from_modes([0.0, 500.0, 650.0, 1700.0], **modes, damping_ratio=0.003)
+    onset = flutter_onsets(structure, 0.0).mu[0]
+    run = simulate(Scene(2e-3, 0.0, 1.5 * onset, 10.0, structure), 1.0).summary
+    assert min(run["stick_fraction"], run["separation_fraction"]) > 0.05
+    assert run["energy_residual"] < 1e-3
 
 
 def test_v_below_zero_is_the_mirror_image():

@@ -195,7 +195,8 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
                 C_NN * mean_N * mean_N - 2.0 * C_NT * mean_N * rate_T + dashpot * rate_T * rate_T
             )
             scene.work += step * (T * drive)
-            scene.friction -= step * (T * slip_rate)
+            if contact == SLIP:
+                scene.friction -= step * (T * slip_rate)
             scene.sum_N += step * N
             scene.max_N = max(scene.max_N, N)
         scene.max_slip = max(scene.max_slip, abs(slip_rate))
