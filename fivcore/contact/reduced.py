@@ -33,8 +33,8 @@ from fivcore.structure import structure_of
 MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "point_b", "load")
 # Default step of `fast` in units of the contact's own time 1 / omega (with 1.75 the paper's rig balances its
 # energy to 0.3 %, with 1.92 to 1 %); without a dashpot, which damps the step's energy error; of a rigid contact,
-# in units of the fastest mode's time: of the beams, and of few modes, which all matter; and the largest step, below
-# the 2.389 at which the paper's rig loses its stability in stick (`step_map`), for any mu.
+# in units of the fastest mode's time: of the beams, and of few modes, which all matter; and the largest step,
+# below the 2.389 at which the paper's rig loses its stability in stick (`step_map`), for any mu.
 STEP, ELASTIC_STEP, RIGID_STEP, FEW_STEP, LIMIT = 1.75, 0.3, 0.5, 0.1, 2.35
 # Statistics are sampled so often, s; where a default step is not longer, a whole number of them fills the time.
 INTERVAL = 20e-6

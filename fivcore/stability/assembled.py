@@ -1,6 +1,6 @@
 """Complex modes of assembled finite-element models with friction, and the friction at which they begin to grow.
 
-Shift and invert on the imaginary axis gives all modes in a band at a few values of mu (Tisseur and Meerbergen,
+Shift and invert gives all modes in a band at a few values of mu (Tisseur and Meerbergen,
 SIAM Review 43, 2001, 235-286). Their real and imaginary parts are a basis for the other values: Galerkin
 projection leaves a small dense problem. Every mode is tested in the full problem; where one fails, the full
 problem is solved at that mu and its modes join the basis. Up to DENSE degrees of freedom everything is solved
@@ -25,8 +25,8 @@ from fivcore.jit import Array, Complex, ReadOnlyArrays
 
 # Degrees of freedom up to which nothing is projected.
 DENSE = 200
-# Bound of |Re lam| by the band; by how much more the basis covers; shifts; eigenvalues at each, to begin with.
-SIDE, MARGIN, SHIFTS, NEAREST = 0.5, 1.1, 2, 30
+# Bound of |Re lam| by the band; by how much more the basis covers; eigenvalues computed at once, to begin with.
+SIDE, MARGIN, NEAREST = 0.5, 1.1, 40
 # Largest residual; largest residual by what is left out of the basis; |Re lam| / |lam| of a neutral mode.
 TOLERANCE, DROP, NEUTRAL = 1e-8, 1e-9, 1e-7
 # Intervals of mu searched for onsets, and the shortest to which one is halved, as a fraction of mu_max.
@@ -68,7 +68,7 @@ class _Problem:
         self.size, self.unit = mass.shape[0], min(self.band, float(scale))
         self.vectors = self.basis = np.eye(self.size, self.size if self.size <= DENSE else 0)
         self.small: list[Array] = []
-        self.counts, self.solutions = [NEAREST] * SHIFTS, 0
+        self.count, self.solutions = NEAREST, 0
 
     def matrices(self, mu: float) -> list[Any]:
         """M, C, K and Kf at this mu, checked."""
@@ -127,15 +127,14 @@ class _Problem:
             return np.array([lam, rest / scale, _norm(left) * (rest + rounding) / np.abs(turn), slope])
 
     def solve(self, mu: float) -> Complex:
-        """Return the full problem's eigenvalues there, some twice, and add their vectors to the basis."""
+        """Return the full problem's eigenvalues there, and add their vectors to the basis."""
         mass, damping, stiffness, friction = self.matrices(mu)
-        stiffness, pairs, half = stiffness + mu * friction, [], 0.5 * MARGIN * self.band / SHIFTS
-        for index in range(SHIFTS):
-            # Discs hold the rectangles of which the region consists.
-            shift, radius = 1j * half * (2 * index + 1), float(np.hypot(half, SIDE * MARGIN * self.band))
-            pair, self.counts[index] = _nearest(mass, damping, stiffness, shift, radius, self.counts[index])
-            pairs.append(pair[:, self.inside(pair[0], MARGIN)])
-        lam, vectors = np.hstack(pairs)[0], np.hstack(pairs)[1:]
+        stiffness, half = stiffness + mu * friction, 0.5 * MARGIN * self.band
+        # The disc about the middle of the region and its margin that holds both.
+        radius = float(np.hypot(half, SIDE * MARGIN * self.band))
+        pairs, self.count = _nearest(mass, damping, stiffness, 1j * half, radius, self.count)
+        lam, *_ = pairs = pairs[:, self.inside(pairs[0], MARGIN)]
+        vectors = pairs[1:]
         # What is left out of the basis is measured by its forces, as residuals are.
         vectors = vectors / _forces(mass, damping, stiffness, lam, vectors, self.unit)[1]
         weight = stiffness + (0.01 * self.unit) ** 2 * mass
@@ -166,12 +165,14 @@ def _nearest(m: Any, c: Any, k: Any, shift: complex, radius: float, count: int) 
         return np.concatenate([x, (state[:size] + shift * x) / unit])
 
     operator = LinearOperator((2 * size, 2 * size), matvec=invert, dtype=complex)
-    start, most = np.random.default_rng(0).standard_normal(2 * size) + 0j, 2 * size - 2
+    start = np.random.default_rng(0).standard_normal(2 * size) + 0j
     while True:
-        inverse, states = eigs(operator, k=min(count, most), v0=start, tol=1e-12)
-        if count >= most or np.abs(1.0 / inverse).max() >= radius:
+        count = min(count, 2 * size - 2)
+        inverse, states = eigs(operator, count, v0=start, ncv=min(count + count // 4 + 20, 2 * size), tol=1e-12)
+        reach = float(np.abs(1.0 / inverse).max())
+        if reach >= radius or count == 2 * size - 2:
             return np.vstack([shift + 1.0 / inverse, states[:size]]), count
-        count *= 2
+        count = int(1.2 * count * radius / reach) + 5
 
 
 def assembled_modes(
