@@ -99,7 +99,7 @@ VALID = 0.0291
 
 
 class Structural:
-    """What a scene is about: a `Rig`, or a `fivcore.Structure` of one's own; the same functions take both."""
+    """Base class of `Rig` and `fivcore.Structure`: a function that takes one takes the other."""
 
     # Normal force at rest for a unit load, and the unit of the times that a run chooses by itself.
     preload: Any = 1.0

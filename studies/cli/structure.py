@@ -98,7 +98,7 @@ def _onsets(onsets: FlutterOnsets, fmax: float, mu: float) -> Iterator[str]:
 
 
 def hints(own: Structure) -> Iterator[str]:
-    """What looks like a wrong unit or row."""
+    """Hints at units of mm, t and s, and at rows that do not couple."""
     import numpy as np
 
     elastic, most = own.frequency[own.frequency > 0.0], len(own.frequency)
