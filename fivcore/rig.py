@@ -13,6 +13,7 @@ from typing import Any
 
 from fivcore import checks
 from fivcore.errors import InputError
+from fivcore.friction import COULOMB, FRICTION_PARAMETERS, Friction
 
 # Units and meaning of the parameters of a rig, and of those of each beam.
 RIG_PARAMETERS = {
@@ -266,6 +267,8 @@ class Scene:
     rig : Rig or Structure
         With a `fivcore.Structure`, whose modes have their inclination, theta is 0; V is along its tangential
         gap, and F is its load.
+    friction : Friction
+        How friction depends on the sliding speed; mu is the static coefficient. Default: it does not.
     """
 
     V: float
@@ -273,6 +276,7 @@ class Scene:
     mu: float
     F: float
     rig: Any = Rig()
+    friction: Friction = COULOMB
 
     def __post_init__(self) -> None:
         allowed = "a speed of 1e-100 to 1e+100 m/s, of either sign"
@@ -283,15 +287,20 @@ class Scene:
             mu=checks.friction(self.mu),
             F=checks.between("F", self.F, 1e-100, 1e100, "N"),
         )
+        checks.instance("Scene: friction", self.friction, Friction)
 
     def _repr_html_(self) -> str:
         units = {"V": "m s-1", "theta": "degree", "mu": "1", "F": "N"}
-        rows = ((name, f"{getattr(self, name):g}", unit) for name, unit in units.items())
+        rows = [(name, f"{getattr(self, name):g}", unit) for name, unit in units.items()]
+        if self.friction.kinetic_ratio != 1.0:
+            law = self.friction
+            rows += [(name, f"{getattr(law, name):g}", unit) for name, (unit, _) in FRICTION_PARAMETERS.items()]
+            rows.append(("decay", law.decay, ""))
         return html_table("Scene", ("", "value", "unit"), rows) + self.rig._repr_html_()
 
     def mirrored(self) -> Scene:
         """Return the same motion seen in a mirror along y: V and theta change sign, nothing else."""
-        return Scene(-self.V, -self.theta, self.mu, self.F, self.rig)
+        return replace(self, V=-self.V, theta=-self.theta)
 
     @property
     def drive_theta(self) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore.errors import DivergenceError, SceneError
+from fivcore.friction import COULOMB
 from fivcore.jit import Array
 from fivcore.rig import Rig, Scene, html_table
 from fivcore.transient.exact import ExactRun
@@ -129,8 +130,9 @@ class Job:
 def located(error: SceneError, scene: Scene) -> SceneError:
     """The error with the scene that it belongs to."""
     text = f"V = {scene.V:g} m/s, theta = {scene.theta:g} degrees, mu = {scene.mu:g}, F = {scene.F:g} N"
-    rig = "" if scene.rig == Rig() else f", rig = {scene.rig}"
-    return type(error)(f"{error}; scene {text}{rig}", scene).with_traceback(error.__traceback__)
+    text += "" if scene.friction == COULOMB else f", friction = {scene.friction}"
+    text += "" if scene.rig == Rig() else f", rig = {scene.rig}"
+    return type(error)(f"{error}; scene {text}", scene).with_traceback(error.__traceback__)
 
 
 def drive(scene: Scene, normalised: Normalised, options: Options) -> Transient | SceneError:

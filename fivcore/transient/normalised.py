@@ -1,7 +1,7 @@
 """The normalised scene, the initial state, and the motion of P2's clamp.
 
-A scene is homogeneous in (V, F), and (theta, V) mirrors (-theta, -V): every run is computed for V > 0 and
-F = 1, with V / F rounded to 12 digits, and scaled back. Copies of a scene then have the same bits.
+A scene is homogeneous in V, F and the decay speed of friction, and (theta, V) mirrors (-theta, -V): every run is
+computed for V > 0 and F = 1, with V / F and v_d / F rounded to 12 digits, and scaled back. Copies of a scene then have the same bits.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore.contact.reduced import full_model
+from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array
 from fivcore.rig import Scene, Structural
 from fivcore.structure import Structure
@@ -23,7 +24,8 @@ class Normalised:
 
     `theta` is in degrees as seen from the drive, `speed_per_load` V / F in m/s/N, rounded to 12 digits. `load`, F
     in N, is the factor of velocities, displacements and forces, `sense`, the sign of V, that of all along x. For
-    a structure F is the normal force at rest, and V < 0 is that of the mirrored structure.
+    a structure F is the normal force at rest, and V < 0 is that of the mirrored structure. The decay speed of
+    `friction` is in units of the load, too.
     """
 
     rig: Structural
@@ -32,6 +34,7 @@ class Normalised:
     mu: float
     load: float
     sense: float
+    friction: Friction = COULOMB
 
     @classmethod
     def of(cls, scene: Scene) -> Normalised:
@@ -39,8 +42,9 @@ class Normalised:
         rig, load = scene.rig, scene.F * scene.rig.preload
         if isinstance(rig, Structure) and scene.V < 0.0:
             rig = rig.mirrored()
+        sense = 1.0 if scene.V > 0 else -1.0
         speed = float(f"{abs(scene.V) / load:.11e}")
-        return cls(rig, scene.drive_theta, speed, scene.mu, load, 1.0 if scene.V > 0 else -1.0)
+        return cls(rig, scene.drive_theta, speed, scene.mu, load, sense, scene.friction.normalised(load))
 
 
 @dataclass(frozen=True)
