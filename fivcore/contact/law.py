@@ -63,7 +63,6 @@ def status_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> StatusM
     """
     both = np.array([[mu], [-mu]])
     if not K.any():
-        # No mean rates in lasting contact; the kernel halves the forces at touch-down.
         stick, slip = np.zeros((2, 4)), np.zeros((2, 2, 3))
         stick[:, 2:], slip[:, 0, 2:] = -np.linalg.inv(M), -1.0 / (M[0, 0] + both * M[0, 1])
         return StatusMaps(stick, slip, np.zeros((2, 2)), stick, 0.0, 1.0, stick, 0.0)
@@ -80,6 +79,62 @@ def status_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> StatusM
     )
     slip = _slip(K, C, M, both, step)[1]
     return StatusMaps(stick, slip, separation, entering, offset, square_ratio, closure, 0.5 * step)
+
+
+class Slide(NamedTuple):
+    """Slip in a step with a coefficient that depends on its speed: numbers that are the same for any coefficient.
+
+    With y = m N the force of friction, N = (alpha + gamma y) / beta with alpha = by_p p + by_v v_N, and the mean
+    slip rate is v_T - relaxing u_T + rate_N N + rate_T y. At the end u_T is keep times itself + end_N N + end_T y.
+    """
+
+    by_p: float
+    by_v: float
+    beta: float
+    gamma: float
+    relaxing: float
+    rate_N: float
+    rate_T: float
+    keep: float
+    end_N: float
+    end_T: float
+
+    @property
+    def mobility(self) -> float:
+        """Change of the mean slip rate for a unit of y, m/s per N."""
+        return self.rate_T + self.rate_N * self.gamma / self.beta
+
+
+def slide(K: Array, C: Array, M: Array, step: float) -> Slide:
+    """Slip for any coefficient; arguments are those of `status_maps`, K and C in proportion.
+
+    With P = p - tau v_N' and U = u_T + tau u_T', tau = C / K, it is K (P, U) = (N, y): u_T relaxes towards U,
+    which is constant over the step, at the rate 1 / tau.
+    """
+    if not K.any():
+        return Slide(0.0, -1.0, M[0, 0], -M[0, 1], 0.0, M[0, 1], M[1, 1], 0.0, 0.0, 0.0)
+    tau, determinant = C[0, 0] / K[0, 0], float(np.linalg.det(K))
+    gone = -np.expm1(-step / tau) if tau > 0.0 else 1.0
+    U_N, U_T = -K[1, 0] / determinant, K[0, 0] / determinant
+    return Slide(
+        by_p=determinant,
+        by_v=-determinant * tau,
+        beta=K[1, 1] + tau * determinant * M[0, 0],
+        gamma=K[0, 1] - tau * determinant * M[0, 1],
+        relaxing=gone / step,
+        rate_N=M[0, 1] + gone / step * U_N,
+        rate_T=M[1, 1] + gone / step * U_T,
+        keep=1.0 - gone,
+        end_N=gone * U_N,
+        end_T=gone * U_T,
+    )
+
+
+def steepest_fall(slide: Slide, mu: float) -> float:
+    """Largest -d mu / dv, s/m, up to which slip is unique in a step with N = 1."""
+    # In either direction of slip.
+    factors = [slide.beta / (slide.beta - way * mu * slide.gamma) for way in (1.0, -1.0)]
+    return 1.0 / (slide.mobility * max(factors))
 
 
 def painleve_mu(K: Array, C: Array, M: Array, step: float, mu: float = np.inf) -> float:

@@ -18,7 +18,7 @@ from scipy.linalg import block_diag
 
 from fivcore.beams.modes import propagator
 from fivcore.contact.impulse import Impulse
-from fivcore.contact.law import status_maps
+from fivcore.contact.law import Slide, slide, status_maps
 from fivcore.contact.reduced import ReducedModel
 from fivcore.jit import Array, Complex
 
@@ -36,14 +36,21 @@ class StepMap(NamedTuple):
     units: Array
 
 
-def step_map(model: ReducedModel, impulse: Impulse, step: float, friction: float | None = None) -> StepMap:
-    """Map of a step in slip with T = `friction` * N, mu or -mu; None: in stick, where u_T follows g_T."""
+def step_map(
+    model: ReducedModel, impulse: Impulse, step: float, friction: float | None = None, fall: float = 0.0
+) -> StepMap:
+    """Map of a step in slip with T = `friction` * N, mu or -mu; None: in stick, where u_T follows g_T.
+
+    With T = `friction` * N + `fall` * slip rate it is that of deviations from steady sliding.
+    """
     gaps, size, own = model.shapes, len(model.normal), int(friction is not None)
     maps = status_maps(impulse.stiffness, impulse.damping, impulse.delassus, friction or 0.0, step)
     law, seen = maps.stick, np.pad(np.kron(np.diag([-1.0, 1.0]), gaps), ((0, 0), (0, own)))
     if friction is not None:
         force, u_T = maps.slip[0]
         law, seen[1] = np.pad([force, friction * force, u_T], ((0, 0), (0, 1))), np.eye(2 * size + 1)[-1]
+        if fall:
+            law = _falling(slide(impulse.stiffness, impulse.damping, impulse.delassus, step), friction, fall)
     push, output = np.pad(step * gaps.T, ((size, own), (0, 0))), law @ seen
     jump = np.eye(2 * size + own) + push @ output[:2]
     jump[2 * size :] = output[2:]
@@ -53,6 +60,15 @@ def step_map(model: ReducedModel, impulse: Impulse, step: float, friction: float
     omega = np.sqrt(np.where(model.stiffness > 0.0, model.stiffness, model.contact_frequency**2))
     units = np.concatenate([omega, np.ones(size), np.sqrt(model.K[1:, 1])[:own]])
     return StepMap(flow @ jump, flow @ push, seen, law, units)
+
+
+def _falling(s: Slide, m: float, fall: float) -> Array:
+    """N, T and u_T at the end from (p, u_T, v_N, v_T), (3, 4), for T = m N + fall times the slip rate."""
+    alpha = np.array([s.by_p, 0.0, s.by_v, 0.0])
+    free = np.array([0.0, -s.relaxing, 0.0, 1.0]) + s.rate_N / s.beta * alpha
+    T = (m / s.beta * alpha + fall * free) / (1.0 - fall * s.mobility - m * s.gamma / s.beta)
+    N = (alpha + s.gamma * T) / s.beta
+    return np.stack([N, T, np.array([0.0, s.keep, 0.0, 0.0]) + s.end_N * N + s.end_T * T])
 
 
 def eigenvectors(status: StepMap) -> tuple[Complex, Complex, Complex, float]:

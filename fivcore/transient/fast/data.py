@@ -19,12 +19,15 @@ NEVER = 1 << 60
 MIN_SAMPLES, MAX_SKIP = 48, 1024
 
 _ARRAYS = {
-    # N and T of stick from (p, u_T, v_N, v_T), how long before the middle of a step slip begins, and the share of
-    # a lasting force that acts; after separation, stick and slip (`fivcore.contact.law.StatusMaps`).
-    "stick_law": (3, 10),
+    # N and T of stick from (p, u_T, v_N, v_T), and how long before the middle of a step slip begins; after
+    # separation, stick and slip (`fivcore.contact.law.StatusMaps`).
+    "stick_law": (3, 9),
     # N and u_T of slip from (p, u_T, v_N), with T = mu N and T = -mu N; u after a step of separation.
     "slip_law": (2, 6),
     "relax": (4,),
+    # Slip where friction depends on its speed (`fivcore.contact.law.Slide`), and the law (`Friction.law`).
+    "slide": (10,),
+    "law": (3,),
     # What a force adds to the mean rates of the gaps; spring; dashpot, with C_TT in slip last: NN, NT, TT.
     "M": (3,),
     "K": (3,),
@@ -36,8 +39,12 @@ _ARRAYS = {
     "point_B": (2,),
 }
 _NUMBERS = [
-    # Friction, step, drive of the clamp; |T| / N above which a segment ends where a sample is taken.
-    "mu step speed ramp acceleration threshold",
+    # Friction: static, that at which a contact that moves sticks, and in slip where it is constant.
+    "mu moving kinetic",
+    # Step, drive of the clamp; |T| / N above which a segment ends where a sample is taken; the last slip rate.
+    "step speed ramp acceleration threshold slip_rate",
+    # Rates of the gaps after the last impulse, for a rigid contact; NaN: unknown.
+    "after_N after_T",
     # Gaps and their rates by the modes before the impulse; penetration and g_T at rest, the latter with inertia of
     # the base; u; g_T + u_T when stick began.
     "g_N g_T v_N v_T p_rest T_rest u_N u_T anchor",
@@ -46,8 +53,9 @@ _COUNTS = [
     # Contact state, present step, end of the segment; the next sample, row of the record and try of a skip; the
     # step from which statistics count.
     "contact now last next_sample next_row next_skip settle sample_every row_every",
-    # Whether the contact is rigid, the first separation ends the segment, the segment has ended early.
-    "rigid until_open stopped",
+    # Whether friction depends on the slip rate, the contact is rigid, the first separation ends the segment, the
+    # segment has ended early.
+    "falls rigid until_open stopped",
     # Modes and their blocks; whether there are tables of the skip; how many samples and rows there are.
     "modes blocks may_skip samples rows",
 ]

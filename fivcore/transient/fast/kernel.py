@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from fivcore.friction import friction_ratio, slip_speed
 from fivcore.jit import contracted, inlined, kernel, reordered
 from fivcore.transient.fast import data as at
 from fivcore.transient.fast.skip import skip
@@ -105,11 +106,27 @@ def added(free: float, by_N: float, impulse_N: float, by_T: float, impulse_T: fl
     return free + (by_N * impulse_N + by_T * impulse_T)
 
 
+@kernel
+def falling(scene: Any, p: float, u: float, vN: float, vT: float, way: float, last: float) -> Any:
+    """Slip where friction depends on its speed: that, negative if there is no slip, N, T and the new u_T.
+
+    `u` is u_T at the start, `way` the sign of T, and `last` the slip rate in the step before.
+    """
+    s, law, mu = scene.slide, (scene.law[0], scene.law[1], scene.law[2]), scene.mu
+    alpha, beta, gamma = s[0] * p + s[1] * vN, s[2], s[3]
+    free, mobility = vT - s[4] * u + s[5] / beta * alpha, s[6] + s[5] / beta * gamma
+    v = slip_speed(-way * last, -way * free, mobility, alpha, beta, way * gamma, mu, law)
+    m = way * mu * friction_ratio(max(v, 0.0), law[0], law[1], law[2])[0]
+    N = alpha / (beta - gamma * m)
+    T = m * N
+    return v, N, T, s[7] * u + s[8] * N + s[9] * T
+
+
 @contracted
 def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> None:
     """Take a scene to its next pause."""
-    mu, step, rigid, ramp = scene.mu, scene.step, scene.rigid != 0, scene.ramp
-    per_step = 1.0 / step
+    mu, moving, step, rigid, ramp = scene.mu, scene.moving, scene.step, scene.rigid != 0, scene.ramp
+    per_step, falls = 1.0 / step, scene.falls != 0
     stick_law, slip_law, relax = scene.stick_law, scene.slip_law, scene.relax
     M_NN, M_NT, M_TT = scene.M[0], scene.M[1], scene.M[2]
     K_NN, K_NT, K_TT = scene.K[0], scene.K[1], scene.K[2]
@@ -118,9 +135,9 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
     v_NN, v_NT, v_TT = scene.after_v[0], scene.after_v[1], scene.after_v[2]
     first, size, blocks = np.uint64(0), np.uint64(scene.modes), scene.blocks
     head = min(size, _BLOCK)
-    contact, u_N, u_T, anchor = scene.contact, scene.u_N, scene.u_T, scene.anchor
+    contact, u_N, u_T, anchor, slip_rate = scene.contact, scene.u_N, scene.u_T, scene.anchor, scene.slip_rate
     free_gN, free_gT, free_vN, free_vT = scene.g_N, scene.g_T, scene.v_N, scene.v_T
-    impulse_N, impulse_T = 0.0, 0.0
+    impulse_N, impulse_T, after_N, after_T = 0.0, 0.0, scene.after_N, scene.after_T
     now = scene.now
     until, due = pause(scene, now), min(scene.next_sample, scene.next_row)
     while now < until:
@@ -136,6 +153,13 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
         gT = added(free_gT, q_NT, impulse_N, q_TT, impulse_T) + (scene.T_rest - X)
         vN = added(free_vN, v_NN, impulse_N, v_NT, impulse_T) - M_NN
         vT = added(free_vT, v_NT, impulse_N, v_TT, impulse_T) - (M_NT + drive)
+        eN, eT = vN, vT
+        if rigid:
+            # What lasts keeps its gaps over the free move that follows: the rates after the impulse are those that
+            # the last free move has undone by half. Also where a contact begins, which has no way to overshoot.
+            if np.isnan(after_T):
+                after_N, after_T = -vN, -vT
+            eN, eT = 0.75 * vN - 0.25 * after_N, 0.75 * vT - 0.25 * after_T
         # The contact law.
         was = contact
         law = np.uint64(was)
@@ -146,9 +170,13 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
         before, end_N, end_T = u_T, relaxed, relax[2] * u_N + relax[3] * u_T
         if closed:
             u = anchor - gT if was == STICK else u_T
-            N = (stick_law[law, 0] * p + stick_law[law, 2] * vN) + (stick_law[law, 3] * vT + stick_law[law, 1] * u)
-            T = (stick_law[law, 4] * p + stick_law[law, 6] * vN) + (stick_law[law, 7] * vT + stick_law[law, 5] * u)
-            if N > 0.0 and abs(T) <= mu * N:
+            N = (stick_law[law, 0] * p + stick_law[law, 2] * eN) + (stick_law[law, 3] * eT + stick_law[law, 1] * u)
+            T = (stick_law[law, 4] * p + stick_law[law, 6] * eN) + (stick_law[law, 7] * eT + stick_law[law, 5] * u)
+            holds = N > 0.0 and abs(T) <= (mu if was == STICK else moving) * N
+            if falls and holds and was != STICK:
+                # Where two solutions exist, a contact that moves goes on moving.
+                holds = falling(scene, p, u, eN, vT, np.sign(T), slip_rate)[0] < 0.0
+            if holds:
                 contact, before, end_N, end_T = STICK, u, p, u
             else:
                 contact = SLIP
@@ -160,15 +188,17 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
                     anchor = gT + end_T
                 else:
                     before = u + shift if was == STICK else u
-                    way, m = (np.uint64(0), mu) if T > 0.0 else (np.uint64(1), -mu)
-                    N = (slip_law[way, 0] * p + slip_law[way, 2] * vN) + slip_law[way, 1] * before
-                    if N > 0.0:
+                    way, m = (np.uint64(0), scene.kinetic) if T > 0.0 else (np.uint64(1), -scene.kinetic)
+                    N = (slip_law[way, 0] * p + slip_law[way, 2] * eN) + slip_law[way, 1] * before
+                    if falls and N > 0.0:
+                        _, N, T, end_T = falling(scene, p, before, eN, vT, np.sign(m), slip_rate)
+                        end_N = p
+                    elif N > 0.0:
                         T, end_N = m * N, p
                         end_T = (slip_law[way, 3] * p + slip_law[way, 5] * vN) + slip_law[way, 4] * before
                     else:
                         closed, N, T = False, 0.0, 0.0
                         end_N, end_T = relax[0] * p + relax[1] * before, relax[2] * p + relax[3] * before
-                N, T = stick_law[law, 9] * N, stick_law[law, 9] * T
         mean_N, mean_T = vN + M_NN * N + M_NT * T, vT + M_NT * N + M_TT * T
         slip_rate = mean_T
         if not closed:
@@ -201,6 +231,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
             scene.max_N = max(scene.max_N, N)
         scene.max_slip = max(scene.max_slip, abs(slip_rate))
         u_N, u_T = end_N, end_T
+        after_N, after_T = 2.0 * mean_N - vN, 2.0 * mean_T - vT
         last_N, last_T = impulse_N, impulse_T
         impulse_N, impulse_T = step * (N - 1.0), step * T
         if contact != was:
@@ -253,6 +284,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
         place = np.uint64(k)
         finish(modes, first + place * _BLOCK_SIZE, min(size - place * _BLOCK, _BLOCK), impulse_N, impulse_T)
     scene.now, scene.contact, scene.u_N, scene.u_T, scene.anchor = now, contact, u_N, u_T, anchor
+    scene.slip_rate, scene.after_N, scene.after_T = slip_rate, after_N, after_T
     scene.g_N = added(free_gN, q_NN, impulse_N, q_NT, impulse_T)
     scene.g_T = added(free_gT, q_NT, impulse_N, q_TT, impulse_T)
     scene.v_N = added(free_vN, v_NN, impulse_N, v_NT, impulse_T)

@@ -38,7 +38,7 @@ def finer_solver(scene: Normalised, step: float, options: Options) -> Solver | N
     # With every mode kept there is no u that `prolong` could find.
     if model.K.any() and step / FINER <= modified(model, options.modify).largest_step:
         with suppress(ContactError):
-            return frozen_solver(modified(model, options.modify), scene.mu, step / FINER)
+            return frozen_solver(modified(model, options.modify), scene.mu, step / FINER, scene.friction)
     return None
 
 

@@ -14,6 +14,7 @@ from itertools import chain
 import numpy as np
 
 from fivcore.beams.modes import propagator
+from fivcore.contact.law import slide, steepest_fall
 from fivcore.contact.reduced import ReducedModel, modified, reduced_model
 from fivcore.contact.step_map import at_most, largest_stable_step, stable
 from fivcore.errors import SceneValueError
@@ -24,7 +25,7 @@ from fivcore.transient.fast import onset
 from fivcore.transient.fast.kernel import advance
 from fivcore.transient.fast.skip import NONE, skip_tables, workspace_for
 from fivcore.transient.fast.solver import Solver, frozen_solver, put, take
-from fivcore.transient.fast.steady import NEAR, SteadySliding, steady_sliding
+from fivcore.transient.fast.steady import NEAR, SteadySliding, falling_eigenvalues, growing, steady_sliding
 from fivcore.transient.normalised import Normalised, State, displacement, residual_gaps, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import (
@@ -63,6 +64,7 @@ class FastRun:
                 f"step = {self.step:g}: with this rig and cut-off it must be at most {at_most(limit, 3)} s;"
                 f" beyond, {what} is unstable"
             )
+        check_falling(model, scene, self.step)
         least = min(options.duration, at.MAX_SKIP * model.interval) / MOST_ROOM
         if self.step < least:
             what, damping = f"step = {self.step:g}: it must be at least {least:g} s", float(model.damping.max())
@@ -78,8 +80,14 @@ class FastRun:
         finer = options.cutoff is None and options.initial is None and bool(model.K.any())
         finer = finer and isinstance(scene.rig, Rig)
         self.growing: Array = np.zeros(0)
-        if finer and (steady := steady_sliding(model, scene.mu, self.step)) is not None:
-            self.growing = steady.growing
+        law, speed = scene.friction, scene.speed_per_load
+        self._kinetic = scene.mu * law.ratio(speed)
+        if finer and not law.constant:
+            fall = -scene.mu * law.slope(speed)
+            self.growing = growing(falling_eigenvalues(model, self._kinetic, fall, self.step))
+            finer = len(self.growing) > 0
+        elif finer and (steady := steady_sliding(model, self._kinetic, self.step)) is not None:
+            self.growing = growing(steady.eigenvalues)
             # Growth in the finer model alone would start a vibration where this one's sliding is stable.
             finer = not steady.decays
         self._fine = onset.finer_solver(scene, self.step, options) if finer else None
@@ -88,7 +96,7 @@ class FastRun:
         self._sample_every = max(round(model.interval / self.step), 1)
         self._row_every = options.rows(self.step)[0]
         self.rate = 1.0 / (self._sample_every * self.step)
-        self.may_settle = options.end_early and bool(model.K.any())
+        self.may_settle = options.end_early and bool(model.K.any()) and law.constant
         self._short, self._long = SHORT_SEGMENT * scene.rig.time_unit, LONG_SEGMENT * scene.rig.time_unit
         self._length = self._short
         # Where a phase of the onset ends, in its own steps (0: there is none); whether contact has opened in it.
@@ -98,7 +106,7 @@ class FastRun:
         self.segments: Iterable[Segment] = ()
         self.record = options.record_of(scene, at.SCENE)
         self._tables = NONE
-        self._solver = self._coarse = frozen_solver(model, scene.mu, self.step)
+        self._solver = self._coarse = frozen_solver(model, scene.mu, self.step, law)
         self.blocks = aligned(self._solver.blocks)
         self._start(options.initial)
 
@@ -164,6 +172,7 @@ class FastRun:
         put(self.blocks, at.V, v)
         record["g_N"], record["g_T"] = model.normal @ q, model.tangential @ q
         record["v_N"], record["v_T"] = model.normal @ v, model.tangential @ v
+        record["after_N"] = record["after_T"] = np.nan
         record["p_rest"] = self._solver.at_rest[0]
         record["T_rest"] = self._solver.at_rest[1] + model.tangential @ self._shift
 
@@ -331,7 +340,7 @@ class FastRun:
         speed = self.scene.speed_per_load
         if not (self.may_settle and self._slip_variation(segment) <= NEAR * speed):
             return None
-        steady = steady_sliding(self.model, self.scene.mu, self.step)
+        steady = steady_sliding(self.model, self._kinetic, self.step)
         self.may_settle = steady is not None and steady.decays
         state = self._row(at.Q), self._row(at.V), self._u
         return steady if steady is not None and steady.is_permanent(*state, speed) else None
@@ -403,6 +412,31 @@ class FastRun:
         moving = self.blocks[:, at.Q : at.V + 1]
         moving[np.abs(moving) < floor] = 0.0
         return bool(np.isfinite(moving).all())
+
+
+def check_falling(model: ReducedModel, scene: Normalised, step: float) -> None:
+    """Raise where friction falls so steeply that under the load slip is not unique in a step."""
+    law, mu = scene.friction, scene.mu
+    fall = -mu * law.slope(0.0)
+
+    def steepest(step: float) -> float:
+        impulse = model.impulse(step)
+        return steepest_fall(slide(impulse.stiffness, impulse.damping, impulse.delassus, step), mu)
+
+    if fall < steepest(step):
+        return
+    steps = model.largest_step * 0.5 ** np.arange(0.0, 20.0, 0.25)
+    allowed = [each for each in steps if fall < steepest(each)]
+    if allowed:
+        raise SceneValueError(
+            f"step = {step:g}: friction falls so steeply with speed that it must be at most"
+            f" {at_most(allowed[0], 3)} s; beyond, slip is not unique within a step"
+        )
+    least = law.decay_speed * scene.load * fall / steepest(step)
+    raise SceneValueError(
+        f"Friction: decay_speed = {law.decay_speed * scene.load:g}: with this scene and step = {step:g} it must be"
+        f" at least {least:.3g} m/s, or 0 for a jump; below, slip is not unique"
+    )
 
 
 def _move(model: ReducedModel, q: Array, v: Array, time: float) -> tuple[Array, Array]:

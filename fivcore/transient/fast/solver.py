@@ -8,9 +8,10 @@ import numpy as np
 
 from fivcore.beams.modes import one_blas_thread, propagator
 from fivcore.contact.impulse import between_impulses
-from fivcore.contact.law import status_maps
+from fivcore.contact.law import slide, status_maps
 from fivcore.contact.reduced import ReducedModel
 from fivcore.errors import not_unique
+from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array
 from fivcore.transient.fast import data as at
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
@@ -27,14 +28,15 @@ class Solver:
 
     # Idle BLAS threads wait for more work, at the cost of whoever else computes on this machine.
     @one_blas_thread()
-    def __init__(self, model: ReducedModel, mu: float, step: float) -> None:
+    def __init__(self, model: ReducedModel, mu: float, step: float, friction: Friction = COULOMB) -> None:
         self.model, self.step = model, step
+        kinetic = mu * friction.kinetic_ratio if friction.constant else mu
         limit = model.painleve_mu(step, mu)
         if mu >= limit:
             raise not_unique(mu, limit)
         gaps, lower = model.shapes, np.tril_indices(2)
         self.impulse = impulse = model.impulse(step)
-        self.maps = maps = status_maps(impulse.stiffness, impulse.damping, impulse.delassus, mu, step)
+        self.maps = maps = status_maps(impulse.stiffness, impulse.damping, impulse.delassus, kinetic, step)
         element, self.dissipation = bool(model.K.any()), model.dissipation(impulse)
         # Of the unit load impulses see what they see of a contact force.
         gap_N, gap_T = (float(gap @ model.rest) for gap in gaps)
@@ -47,9 +49,8 @@ class Solver:
         for row, values in zip(rows, (*flow, *gaps, model.point_b, model.damping), strict=True):
             put(self.blocks, row, values)
         self.record = record = np.zeros(1, at.SCENE)
-        # In rigid contact half the force of lasting contact is what an impact needs.
-        closure = (*maps.closure.flat, maps.closure_offset, 1.0 if element else 0.5)
-        stick, entering = ((*law.flat, maps.mean_offset, 1.0) for law in (maps.stick, maps.entering))
+        closure = (*maps.closure.flat, maps.closure_offset)
+        stick, entering = ((*law.flat, maps.mean_offset) for law in (maps.stick, maps.entering))
         for status, law in {SEPARATION: closure, STICK: stick, SLIP: entering}.items():
             record["stick_law"][0, status] = law
         # What an impulse gives the gaps and their rates over a step.
@@ -63,7 +64,12 @@ class Solver:
             # In slip u_T has a rate of its own, which varies over the step.
             ("C", np.append(self.dissipation[lower], impulse.damping[1, 1] * maps.square_ratio)),
             ("point_B", 0.5 * np.array([model.point_b @ gap for gap in gaps])),
+            ("slide", slide(impulse.stiffness, impulse.damping, impulse.delassus, step)),
+            ("law", friction.law),
+            ("falls", not friction.constant),
             ("mu", mu),
+            ("moving", kinetic),
+            ("kinetic", kinetic),
             ("step", step),
             ("rigid", not element),
         ):

@@ -63,12 +63,6 @@ class SteadySliding:
         self.decays, self._share = decay > max(LEAST_DECAY, 2.0 * error), error / decay
         self._left = float(maps.separation[0, 0])
 
-    @property
-    def growing(self) -> Array:
-        """Frequencies of the motions that grow, Hz, ascending."""
-        grows = (self.eigenvalues.real > 0.0) & (self.eigenvalues.imag >= 0.0)
-        return np.asarray(np.sort(self.eigenvalues.imag[grows]) / (2.0 * np.pi))
-
     def readings(self, speed: float) -> Array:
         """Return the readings in steady sliding at V = `speed`."""
         return np.asarray(self._rows @ np.append(self.state, [1.0, speed]))
@@ -100,6 +94,19 @@ class SteadySliding:
         # In slip T is mu N.
         least[:PENETRATION] = TOLERANCE * speed, min(TOLERANCE, least[NORMAL]), np.inf, TOLERANCE * speed
         return self.decays and bool(np.all(bound < least))
+
+
+def growing(eigenvalues: Complex) -> Array:
+    """Frequencies of the motions that grow, Hz, ascending."""
+    grows = (eigenvalues.real > 0.0) & (eigenvalues.imag >= 0.0)
+    return np.asarray(np.sort(eigenvalues.imag[grows]) / (2.0 * np.pi))
+
+
+@one_blas_thread()
+def falling_eigenvalues(model: ReducedModel, mu: float, fall: float, step: float) -> Complex:
+    """Those of steady sliding, 1/s, where friction falls by `fall`, N s/m, beside that of the coefficient `mu`."""
+    z = np.linalg.eigvals(step_map(model, model.impulse(step), step, mu, fall).matrix)
+    return np.asarray(np.log(z + np.finfo(float).tiny) / step, dtype=complex)
 
 
 @lru_cache(maxsize=64)
