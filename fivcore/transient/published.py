@@ -7,7 +7,8 @@ and r = dt / tau the scheme reads, per mode,
 
 If the free gap is open, N = T = 0. Otherwise stick is tried, with g_N = 0 and g_T as in the last step; it is
 accepted if N > 0 and |T| < mu N. Otherwise the contact slips with the simplified Prakash-Clifton law
-T = (T_last + r s mu N) / (1 + r), g_N = 0 and N >= 0, where s is the sign of T in the trial. Then
+T = (T_last + r s mu N) / (1 + r), g_N = 0 and N >= 0, where s is the sign of T in the trial; where friction
+depends on the slip rate, that of the step decides mu (`fivcore.friction.slip_speed`; not in the paper). Then
 a = a* + force / (1 + b dt c), v = v* + b dt a and q = q + dt v + dt^2 a / 2.
 
 This is Newmark's method with beta = 0 and gamma = b. For b > 1/2 it is of first order and adds (b - 1/2) dt to d2.
@@ -25,6 +26,7 @@ from fivcore.contact.law import ratio
 from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.contact.step_map import at_most
 from fivcore.errors import SceneValueError, not_unique
+from fivcore.friction import friction_ratio, slip_speed
 from fivcore.jit import Array, inlined, kernel
 from fivcore.rig import Rig, Structural
 from fivcore.structure import structure_of
@@ -49,7 +51,12 @@ SAMPLED = 64
 # count, intervals and numbers of samples and rows of the record.
 _NUMBERS = ("dt", "b", "r", "mu", "speed", "ramp", "W_NN", "W_NT", "W_TT", "gap_N", "gap_T", "last_gT", "last_T")
 _WHOLE = ("contact", "now", "settle", "sample_every", "row_every", "samples", "rows")
-SCENE = np.dtype([*FIELDS, *((name, "f8") for name in _NUMBERS), *((name, "i8") for name in _WHOLE)])
+# Where friction depends on the slip rate, its law (`Friction.law`); friction at which a contact that moves sticks,
+# and in slip where it is constant; the last slip rate; whether friction depends on it.
+_FRICTION = [("law", "f8", (3,)), ("kinetic", "f8"), ("slip_rate", "f8"), ("falls", "i8")]
+SCENE = np.dtype([
+    *FIELDS, *((name, "f8") for name in _NUMBERS), *((name, "i8") for name in _WHOLE), *_FRICTION
+])  # fmt: skip
 
 
 def with_numerical_damping(rig: Structural, method: str, numerical_damping: str) -> Structural:
@@ -101,6 +108,9 @@ class PaperRun(SteppedRun):
         self._inverse = 1.0 / (1.0 + b * dt * model.damping)
         record = self.record
         record["dt"], record["b"], record["r"], record["mu"] = dt, b, dt / (TAU / STEP * usual), scene.mu
+        friction = scene.friction
+        record["law"], record["falls"] = friction.law, not friction.constant
+        record["kinetic"] = scene.mu * friction.kinetic_ratio if friction.constant else scene.mu
         record["speed"], record["ramp"] = speed, ramp
         record["W_NN"], record["W_NT"], record["W_TT"] = contact_closing(model, dt, b)
         record["settle"] = int(np.ceil(record["settled_from"][0] / dt - 1.0))
@@ -115,7 +125,8 @@ class PaperRun(SteppedRun):
             if initial.contact != SEPARATION:
                 # The gap does not accelerate, and what slips has its friction already.
                 slip_rate = model.tangential @ v - (speed if ramp == 0.0 else 0.0)
-                m = -scene.mu * float(np.sign(slip_rate)) if initial.contact == SLIP else 0.0
+                m = -scene.mu * friction.ratio(slip_rate) * float(np.sign(slip_rate))
+                m = m if initial.contact == SLIP else 0.0
                 push = model.normal + m * model.tangential
                 N = -float(model.normal @ a) / float(model.normal @ push)
                 a, T = a + push * N, m * N
@@ -206,19 +217,26 @@ def _gaps(normal: Any, tangential: Any, q: Any) -> Any:
 
 
 @inlined
-def published_contact(
-    gN: float, gT: float, last_gT: float, last_T: float, WNN: float, WNT: float, WTT: float, mu: float, r: float
-) -> Any:
+def published_contact(scene: Any, gN: float, gT: float) -> Any:
     """Contact state, N and T from the free gaps and the gaps W that unit forces close within the step."""
+    WNN, WNT, WTT, r, last_T = scene.W_NN, scene.W_NT, scene.W_TT, scene.r, scene.last_T
     if gN > 0.0:
         return SEPARATION, 0.0, 0.0
-    back = gT - last_gT
+    back = gT - scene.last_gT
     determinant = WNN * WTT - WNT * WNT
     N = (back * WNT - gN * WTT) / determinant
     T = (gN * WNT - back * WNN) / determinant
-    if N > 0.0 and abs(T) < mu * N:
+    if N > 0.0 and abs(T) < (scene.mu if scene.contact == STICK else scene.kinetic) * N:
         return STICK, N, T
-    m = mu if T > 0.0 else -mu
+    m = scene.kinetic if T > 0.0 else -scene.kinetic
+    if scene.falls != 0:
+        # With y = m N: N = (alpha + gamma y) / beta, and the slip rate is free + mobility y.
+        law, way, share = (scene.law[0], scene.law[1], scene.law[2]), 1.0 if T > 0.0 else -1.0, r / (1.0 + r)
+        alpha, beta, gamma = -gN - WNT * last_T / (1.0 + r), WNN, -WNT * share
+        free = (back + WNT * alpha / beta + WTT * last_T / (1.0 + r)) / scene.dt
+        mobility = (WNT * gamma / beta + WTT * share) / scene.dt
+        v = slip_speed(-way * scene.slip_rate, -way * free, mobility, alpha, beta, way * gamma, scene.mu, law)
+        m = way * scene.mu * friction_ratio(max(v, 0.0), law[0], law[1], law[2])[0]
     N = (-gN - WNT * last_T / (1.0 + r)) / (WNN + m * WNT * r / (1.0 + r))
     if N <= 0.0:
         return SEPARATION, 0.0, 0.0
@@ -247,12 +265,10 @@ def advance(
         if now == scene.settle:
             clear(scene)
         gT, was = scene.gap_T - X, scene.contact
-        contact, N, T = published_contact(
-            scene.gap_N, gT, scene.last_gT, scene.last_T, scene.W_NN, scene.W_NT, scene.W_TT, scene.mu, scene.r
-        )
+        contact, N, T = published_contact(scene, scene.gap_N, gT)
         shifted = gT + scene.W_NT * N + scene.W_TT * T
         slip_rate = (shifted - scene.last_gT) / dt
-        scene.last_gT, scene.last_T, scene.contact = shifted, T, contact
+        scene.last_gT, scene.last_T, scene.contact, scene.slip_rate = shifted, T, contact, slip_rate
         count_step(scene, contact, N, abs(slip_rate), dt)
         if contact != was:
             if enter(scene, was, contact, t):
