@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from fivcore.beams.modes import one_blas_thread, residual_flexibility
 from fivcore.contact.impulse import Impulse, at_impulses
-from fivcore.contact.law import painleve_mu, ratio
+from fivcore.contact.law import painleve_mu, ratio, slide, steepest_fall
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig, Structural
@@ -138,6 +138,11 @@ class ReducedModel(ReadOnlyArrays):
             return ratio(self.W[0, 0], self.W[0, 1])
         _, K, C, M = self.impulse(step or 0.0)
         return painleve_mu(K, C, M, step or 0.0, mu)
+
+    def steepest_fall(self, step: float, mu: float) -> float:
+        """Largest -d mu / dv, s/m for a unit load, up to which slip is unique in a step of `fast`, s."""
+        impulse = self.impulse(step)
+        return steepest_fall(slide(impulse.stiffness, impulse.damping, impulse.delassus, step), mu)
 
     @cached_property
     def contact_frequency(self) -> float:

@@ -124,7 +124,7 @@ class PaperRun(SteppedRun):
             a = self._load - model.stiffness * q - model.damping * v
             if initial.contact != SEPARATION:
                 # The gap does not accelerate, and what slips has its friction already.
-                slip_rate = model.tangential @ v - (speed if ramp == 0.0 else 0.0)
+                slip_rate = float(model.tangential @ v) - (speed if ramp == 0.0 else 0.0)
                 m = -scene.mu * friction.ratio(slip_rate) * float(np.sign(slip_rate))
                 m = m if initial.contact == SLIP else 0.0
                 push = model.normal + m * model.tangential

@@ -29,14 +29,15 @@ LEAD, LONGEST, AFTER = 3e-3, 21e-3, 3e-3
 
 
 def finer_solver(scene: Normalised, step: float, options: Options) -> Solver | None:
-    """Build the finer solver; None where damping, a rigid contact or uniqueness of its force rule it out."""
+    """Build the finer solver; None where damping, a rigid contact or uniqueness of force or slip rule it out."""
     # With more material damping, s, nothing grows above the cut-off.
     if scene.rig.d2 > 1e-7:
         return None
     cutoff = HIGHER * default_cutoff(scene.rig)
     model = reduced_model(scene.rig, scene.theta, cutoff)
     # With every mode kept there is no u that `prolong` could find.
-    if model.K.any() and step / FINER <= modified(model, options.modify).largest_step:
+    unique = -scene.mu * scene.friction.slope(0.0) < model.steepest_fall(step / FINER, scene.mu)
+    if model.K.any() and unique and step / FINER <= modified(model, options.modify).largest_step:
         with suppress(ContactError):
             return frozen_solver(modified(model, options.modify), scene.mu, step / FINER, scene.friction)
     return None

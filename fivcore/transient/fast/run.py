@@ -14,7 +14,6 @@ from itertools import chain
 import numpy as np
 
 from fivcore.beams.modes import propagator
-from fivcore.contact.law import slide, steepest_fall
 from fivcore.contact.reduced import ReducedModel, modified, reduced_model
 from fivcore.contact.step_map import at_most, largest_stable_step, stable
 from fivcore.errors import SceneValueError
@@ -416,26 +415,19 @@ class FastRun:
 
 def check_falling(model: ReducedModel, scene: Normalised, step: float) -> None:
     """Raise where friction falls so steeply that under the load slip is not unique in a step."""
-    law, mu = scene.friction, scene.mu
-    fall = -mu * law.slope(0.0)
-
-    def steepest(step: float) -> float:
-        impulse = model.impulse(step)
-        return steepest_fall(slide(impulse.stiffness, impulse.damping, impulse.delassus, step), mu)
-
-    if fall < steepest(step):
+    fall, most = -scene.mu * scene.friction.slope(0.0), model.steepest_fall(step, scene.mu)
+    if fall < most:
         return
     steps = model.largest_step * 0.5 ** np.arange(0.0, 20.0, 0.25)
-    allowed = [each for each in steps if fall < steepest(each)]
-    if allowed:
+    for allowed in steps[[fall < model.steepest_fall(each, scene.mu) for each in steps]][:1]:
         raise SceneValueError(
             f"step = {step:g}: friction falls so steeply with speed that it must be at most"
-            f" {at_most(allowed[0], 3)} s; beyond, slip is not unique within a step"
+            f" {at_most(allowed, 3)} s; beyond, slip is not unique within a step"
         )
-    least = law.decay_speed * scene.load * fall / steepest(step)
+    speed = scene.friction.decay_speed * scene.load
     raise SceneValueError(
-        f"Friction: decay_speed = {law.decay_speed * scene.load:g}: with this scene and step = {step:g} it must be"
-        f" at least {least:.3g} m/s, or 0 for a jump; below, slip is not unique"
+        f"Friction: decay_speed = {speed:g}: with this scene and step = {step:g} it must be at least"
+        f" {speed * fall / most * 1.001:.3g} m/s, or 0 for a jump; below, slip is not unique"
     )
 
 
