@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fivcore import checks
-from fivcore.contact.reduced import Modify
+from fivcore.contact.reduced import INTERVAL, Modify
 from fivcore.errors import InputError
 from fivcore.jit import Array
 from fivcore.rig import Scene
@@ -94,7 +94,9 @@ class Options:
 
     def record_of(self, scene: Normalised, fields: Any) -> Any:
         """A method's record (1,) with the counters at the start of a run."""
-        least = LONG_STICK * loading_time(scene) if self.min_stick is None else self.min_stick
+        # A stick between two samples interrupts no vibration.
+        least = max(LONG_STICK * loading_time(scene), INTERVAL * scene.rig.time_unit)
+        least = least if self.min_stick is None else self.min_stick
         settling = SETTLING * scene.rig.time_unit
         return begin(np.zeros(1, fields), self.settle, settling, least, self.contact)
 
