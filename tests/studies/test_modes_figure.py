@@ -2,15 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy import io, sparse
 
 from fivcore import assembled_modes, assembled_onsets
 from studies.plotting import figures
 from studies.plotting.modes import modes_figure
 from sweeps import InputError
-from tests import HOME
 
-FOLDER = HOME.parent / "shared" / "data" / "brake_m0"
 # Hoffmann, Fischer, Allgaier, Gaul, Mech. Res. Comm. 29 (2002) 197-205: onset at 0.75.
 HOFFMANN, FRICTION = (np.eye(2), None, np.array([[2.0, 1.0], [1.0, 2.0]])), [[0.0, -4.0 / 3.0], [0.0, 0.0]]
 
@@ -61,23 +58,3 @@ def test_a_figure_needs_two_values(mu):
     modes = assembled_modes(*HOFFMANN, friction_stiffness=FRICTION, mu=mu, fmax=1.0)
     with pytest.raises(InputError, match=r"modes.mu of shape \(.*\): it must be \(n,\), with n of at least 2"):
         modes_figure(modes)
-
-
-@pytest.mark.slow
-def test_disc_brake():
-    """Its two unstable modes: shared/data/README.md."""
-    if not FOLDER.is_dir():
-        pytest.skip(f"no {FOLDER}")
-
-    def read(name):
-        file = io.loadmat(FOLDER / f"B{name}LL00.mat")
-        return sparse.csr_array(file[next(key for key in file if not key.startswith("__"))])
-
-    m, d1, dg, dr, d4, k1, kr, kgeo = map(read, ("M", "D", "Y", "DIW", "H", "K", "KQ", "W"))
-    w = 4.0 * np.pi
-    matrices = m, d1 + w * dg + (1.0 / w - 1.0) * dr + d4 / (3200.0 * np.pi), k1 + (w**2 - 1.0) * kgeo
-    modes = assembled_modes(*matrices, friction_stiffness=kr, mu=np.linspace(0, 1, 5), fmax=20e3 / (2.0 * np.pi))
-    _, bottom = modes_figure(modes).axes
-    assert texts(bottom) == ["2769 Hz", "785 Hz"]
-    ends = sorted(float(curve[-1, 1]) for curve in drawn(bottom, figures.RED) if len(curve))
-    assert ends == pytest.approx([5.4742, 74.8306], abs=1e-3)
