@@ -76,7 +76,7 @@ class Request:
         counts = {name: len(p.default) for name, p in study.parameters.items() if p.is_axis}
         # More points than a plan can hold are refused before their values are made.
         for name, value in values.items():
-            if isinstance(value, str) and not study.parameter(name).choices:
+            if isinstance(value, str) and not study.parameter(name, self.structure).choices:
                 counts[name] = 1 if is_distribution(value) else spec.count(value)
             elif np.ndim(value):
                 counts[name] = np.size(value)
@@ -148,7 +148,9 @@ def structure_of(rig: Structure | str | Path) -> dict[str, Any]:
         return rig.to_dict()
     if Path(rig).suffix == ".nc":
         if not (found := structure_in(open_dataset(os.fspath(rig)))):
-            raise InputError(f"{rig}: it is the result of a rig; give one of a structure")
+            raise InputError(
+                f"{rig}: it is a result of the paper's beams; give one of a structure, or a FILE.toml"
+            )
         return found
     try:
         return Structure.read(path := expanded(rig)).to_dict()

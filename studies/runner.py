@@ -104,9 +104,12 @@ def plan(
 
 def rerun(study: str, values: Mapping[str, Any], point: Mapping[str, Any], rig: Path | None = None) -> str:
     """The command that computes one point of a study again; `rig` is the file of a result with its structure."""
-    chosen = {name: value for name, value in values.items() if np.ndim(value) == 0 and not hasattr(value, "ppf")}
-    chosen |= {name: value for name, value in point.items() if name not in ("sample", "row")}
-    options = [word for name, value in chosen.items() for word in ("--set", f"{name}={typed(value)}")]
+    chosen = {name: value for name, value in values.items() if not hasattr(value, "ppf")} | dict(point)
+    options = []
+    for name, value in chosen.items():
+        if name not in ("sample", "row"):
+            numbers = ["auto" if each is None else typed(each) for each in np.ravel(value).tolist()]
+            options += ["--set", f"{name}={','.join(numbers)}"]
     options += ["--rig", str(rig)] if rig else []
     return shlex.join(["fiv", "run", study, *options, "--scheduler", "sync", "--out", "again", "--fresh"])
 

@@ -119,16 +119,20 @@ class Study:
         """Whether a result has the study's own dimensions, which its summary and figure present."""
         return is_usual(dataset, self.dims)
 
-    def parameter(self, name: str) -> Parameter:
-        """A parameter by its name; an `InputError` suggests the nearest."""
+    def parameter(self, name: str, structure: Any = None) -> Parameter:
+        """A parameter by its name; an `InputError` suggests the nearest, with a structure not of the beams."""
         if name not in self.parameters:
-            near = suggest(name, self.parameters)
+            known = self.known(structure)
             friction = "; friction has one constant mu (README)" if "mu" in name.split("_") else ""
             raise InputError(
-                f"{name}: study {self.name} has no such parameter; {near}"
-                f"it has {', '.join(self.parameters)}{friction}"
+                f"{name}: study {self.name} has no such parameter; {suggest(name, known)}"
+                f"it has {', '.join(known)}{friction}"
             )
         return self.parameters[name]
+
+    def known(self, structure: Any = None) -> list[str]:
+        """Names of the parameters; with a structure without the numbers of the beams and their inclination."""
+        return [name for name in self.parameters if structure is None or name not in (*RIG, "theta")]
 
     def describe(self) -> str:
         """The paper's statement and the parameters, as lines."""

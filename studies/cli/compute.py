@@ -91,6 +91,9 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
     if results.is_path(study):
         with results.reading(results.results_file(study)):
             source = request.of_result(results.open_dataset(study), study)
+        if wanted.structure and not source.structure:
+            advice = f"give a STUDY with --rig, such as fiv run {source.study} --rig {rig or config}"
+            raise InputError(f"{study}: it is a result of the paper's beams; {advice}")
         wanted, name = wanted.over(source), source.study
         if Path(study).parent.name == results.MAPS:
             file = results.results_folder(out) / results.MAPS / Path(study).name

@@ -13,6 +13,7 @@ from studies import paper, summary
 from studies.claims import Claim, is_papers_point, rig_text
 from studies.motion.run import BAND
 from studies.plotting import figures
+from studies.plotting.modes import STABLE, UNSTABLE, mark_onsets, name_growing
 from studies.results import rig_of
 from studies.spec import evenly
 from studies.study import Parameter, Study
@@ -77,31 +78,18 @@ def draw(dataset: xr.Dataset) -> Figure:
     )
     mu, frequency, growth = dataset["mu"], 1e-3 * dataset["frequency"], dataset["growth_rate"]
     marker = "." if len(mu) < 3 else None
-    # The decaying partner of an unstable mode has nearly its frequency; the unstable one lies on top.
-    unstable: dict[str, Any] = {"color": figures.RED, "linewidth": 2.4, "zorder": 2.5}
     top.plot(mu, frequency.where(~(growth > 0.0)), marker=marker, color=figures.BLACK)
-    top.plot(mu, frequency.where(growth > 0.0), marker=marker, **unstable)
+    top.plot(mu, frequency.where(growth > 0.0), marker=marker, **UNSTABLE)
     bottom.plot(mu, growth.where(growth > 0.0), marker=marker, color=figures.RED)
-    for hertz, rate in zip(dataset["frequency"].values[-1], growth.values[-1], strict=True):
-        if rate > 0.0:
-            place: dict[str, Any] = {"xytext": (4, 0), "textcoords": "offset points", "va": "center"}
-            bottom.annotate(f"{hertz:.0f} Hz", (float(mu[-1]), rate), **place, color=figures.RED, fontsize=8.0)
-    top.plot([], [], color=figures.BLACK, label="stable mode")
-    top.plot([], [], **unstable, label="unstable mode")
-    x, y = dataset["onset_mu"].values, 1e-3 * dataset["onset_frequency"].values
-    if len(x):
-        top.plot(x, y, "o", color=figures.BLUE, label="flutter onset, model", zorder=3)
-    for at, kilohertz in zip(x, y, strict=True):
-        # Beside the unstable branch there is room below it, and above it near the bottom of the band.
-        side, offset = ("top", -6) if kilohertz > 0.1 * BAND / 1e3 else ("bottom", 6)
-        text = f"μ = {at:.4f}, {1e3 * kilohertz:.0f} Hz"
-        top.annotate(text, (at, kilohertz), (8, offset), textcoords="offset points", va=side, color=figures.BLUE)
+    name_growing(bottom, float(mu[-1]), dataset["frequency"].values[-1], growth.values[-1])
+    top.plot([], [], **STABLE)
+    top.set(ylim=(0.0, BAND / 1e3), ylabel="frequency / kHz")
+    mark_onsets(top, dataset["onset_mu"].values, dataset["onset_frequency"].values, 1e3)
     papers = is_papers_point(dataset, theta=paper.THETA)
     claimed = np.array([onset for onset in paper.ONSETS if papers and onset[0] <= mu.max()]).reshape(-1, 2).T
     if claimed.size:
         look: dict[str, Any] = {"markersize": 7, "markerfacecolor": "none", "color": figures.ORANGE, "zorder": 4}
         top.plot(claimed[0], claimed[1] / 1e3, "D", label="first unstable μ, paper", **look)
-    top.set(ylim=(0.0, BAND / 1e3), ylabel="frequency / kHz")
     figures.letter((top, bottom), ("frequency", "growth rate of unstable modes"))
     figures.legend_below(figure, [top], 2)
     figure.suptitle(f"Modes of steady sliding, θ = {float(dataset['theta']):g}°{rig_text(dataset)}")

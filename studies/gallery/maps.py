@@ -102,7 +102,7 @@ def plan(
     fixed = dict(fix or {}) | {k: v for k, v in (("samples", samples), ("seed", seed)) if v is not None}
     for option, name in [*zip(("--x", "--y"), sides, strict=False), *(("--fix", name) for name in fixed)]:
         if name not in study.parameters:
-            near = f"{suggest(name, study.parameters)}choose from {', '.join(study.parameters)}"
+            near = f"{suggest(name, known := study.known(rig))}choose from {', '.join(known)}"
             raise InputError(f"{option} {name}: {names[0]} does not depend on it; {near}")
         if (y and len(sides) < 2) or (option == "--fix" and name in sides):
             raise InputError(f"{option} {name}: it varies already; give it once")

@@ -152,6 +152,11 @@ def test_a_failed_point_of_a_predefined_study_comes_with_its_command(here, monke
     again = done.stderr.splitlines()[-1].partition("again with: fiv ")[2]
     assert again.startswith("run fig5 --set mu=0.25 --scheduler sync --out again")
     assert here(*again.split()).returncode == 1
+    # Parameters that have one value are in it too.
+    other = here(*THREE, "--set", "theta=6", "--set", "p1_length=60mm", "--out", "other", "-q")
+    again = other.stderr.splitlines()[-1].partition("again with: fiv ")[2]
+    assert again.startswith("run fig5 --set mu=0.25 --set theta=6 --set p1_length=0.06 --scheduler sync")
+    assert here(*again.split()).returncode == 1
     Path("mended").touch()
     assert here(*THREE, "-q").returncode == 1
     assert here(*THREE, "-q", "--retry-failed").returncode == 0

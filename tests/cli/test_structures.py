@@ -133,6 +133,25 @@ def test_what_cannot_be_is_one_line(here, tmp_path, text, words, message):
     assert (done.returncode, done.stderr.count("\n"), message in done.stderr) == (2, 1, True), done.stderr
 
 
+def test_a_result_of_the_beams_takes_no_structure(here, pin):
+    assert here("run", "fig5", "--set", "mu=0:0.2:3", "-q").returncode == 0
+    done = here("run", "results/fig5/fig5.nc", "--rig", "pin.toml", "--out", "own")
+    advice = "it is a result of the paper's beams; give a STUDY with --rig, such as fiv run fig5 --rig pin.toml"
+    assert (done.returncode, done.stderr) == (2, f"fiv: results/fig5/fig5.nc: {advice}\n")
+    done = here("structure", "results/fig5/fig5.nc")
+    assert (done.returncode, "give one of a structure, or a FILE.toml" in done.stderr) == (2, True)
+
+
+@pytest.mark.parametrize(
+    "words", [("run", "scenes", "--set", "f=9"), ("map", "--x", "f=1:2:3", "--quantity", "regime")]
+)
+def test_only_parameters_of_a_structure_are_named(here, pin, words):
+    done = here(*words, "--rig", "pin.toml")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert " V, " in done.stderr
+    assert not re.search("p1_|p2_|theta|head_mass|contact_position|d1", done.stderr), done.stderr
+
+
 @pytest.mark.parametrize("study", ["table4", "fig7", "table6", "robust", "stress"])
 def test_what_needs_the_beams_says_so(here, pin, study):
     done = here("plan", study, "--rig", "pin.toml")

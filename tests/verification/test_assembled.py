@@ -10,6 +10,7 @@ from scipy.sparse.linalg import eigs
 from fivcore.errors import InputError
 from fivcore.stability import assembled
 from fivcore.stability.assembled import assembled_modes, assembled_onsets
+from studies.plotting.modes import modes_figure
 from tests import HOME
 
 # The disc brake and its two unstable modes: shared/data/README.md.
@@ -63,6 +64,14 @@ def test_disc_brake(brake):
     np.testing.assert_allclose(modes.frequency[neutral], [816.561], atol=1e-3)
     assert modes.residual.max() < 1e-8
     assert modes.growth_error.max() < 1e-3
+
+
+@pytest.mark.slow
+def test_the_figure_of_the_disc_brake_names_what_grows(brake):
+    mass, friction, damping, stiffness = brake
+    matrices = mass, damping(W), stiffness(W)
+    modes = assembled_modes(*matrices, friction_stiffness=friction, mu=[0.0, 0.5, 1.0], fmax=BAND)
+    assert [text.get_text() for text in modes_figure(modes).axes[1].texts] == ["2769 Hz", "785 Hz"]
 
 
 @pytest.mark.slow

@@ -1,0 +1,83 @@
+"""Modes over friction, those that grow in colour; `modes_figure` draws what `fivcore.assembled_modes` returns."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from studies.plotting import figures
+from sweeps import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from fivcore import AssembledModes
+
+# Half the longest step of lambda along a branch, by the largest lambda; least distance of labels, by their axis.
+JUMP, APART = 0.1, 0.06
+STABLE: Any = {"color": figures.BLACK, "label": "stable mode"}
+# The decaying partner of an unstable mode has nearly its frequency; the unstable one lies on top.
+UNSTABLE: Any = STABLE | {"color": figures.RED, "label": "unstable mode", "linewidth": 2.4, "zorder": 2.5}
+
+
+def modes_figure(modes: AssembledModes, onsets: Any = (), parameter: str = "coefficient of friction μ") -> Figure:
+    """Draw frequencies and growth rates of `modes` over two or more values of mu, which `parameter` names.
+
+    `onsets`, as `fivcore.assembled_onsets` returns them, are marked. Modes whose eigenvalues are nearest at
+    neighbouring values of mu are linked. The figure's method `savefig` writes it to a file.
+    """
+    if modes.mu.ndim != 1 or len(modes.mu) < 2:
+        raise InputError(f"modes.mu of shape {modes.mu.shape}: it must be (n,), with n of at least 2")
+    order = np.argsort(modes.mu)
+    mu, lam = modes.mu[order], (modes.growth_rate + 2j * np.pi * modes.frequency)[order]
+    most, reach = (float(np.nanmax(each, initial=0.0)) for each in (lam.real, JUMP * abs(lam)))
+    # Empty columns let a branch end, and another begin, at the cost of `reach` each.
+    lam = np.pad(lam, ((0, 0), (0, lam.shape[1])), constant_values=complex(np.nan, np.nan))
+    for one, other in pairwise(lam):
+        cost, gone = abs(one[:, None] - other), np.isnan(one)[:, None] & np.isnan(other)
+        other[:] = other[linear_sum_assignment(np.where(gone, 0.0, np.nan_to_num(cost, nan=reach)))[1]]
+    frequency, growth = lam.imag / (2.0 * np.pi), lam.real
+    with figures.style():
+        figure, (top, bottom) = figures.panels(2, 1, 15.0, 17.0, sharex=True, height_ratios=(3.0, 2.0))
+        for axes, values in ((top, frequency), (bottom, growth)):
+            axes.plot(mu, values, **STABLE)
+            axes.plot(mu, np.where(growth > 0.0, values, np.nan), **UNSTABLE)
+        top.set(ylim=(0.0, 1.05 * np.nanmax(frequency, initial=1e-9)), ylabel="frequency / Hz")
+        bottom.set(xlabel=parameter, xlim=mu[[0, -1]], ylabel="growth rate / (1/s)")
+        if most:
+            bottom.set_ylim(-most, 1.1 * most)
+        bottom.axhline(0.0, color=figures.GREY, linewidth=0.8)
+        name_growing(bottom, mu[-1], frequency[-1], growth[-1])
+        mark_onsets(top, *(onsets or ((), ())))
+        figures.letter((top, bottom), ("frequency", "growth rate"))
+        figures.legend_below(figure, [top], 3)
+    return figure
+
+
+def name_growing(axes: Axes, mu: float, hertz: Any, rates: Any) -> None:
+    """Write the frequency of each growing mode at the end of its branch, where there is room."""
+    last, apart = np.inf, APART * float(np.ptp(axes.get_ylim()))
+    place: dict[str, Any] = {"xytext": (4, 0), "textcoords": "offset points", "va": "center"}
+    for rate, each in sorted(((r, f) for r, f in zip(rates, hertz, strict=True) if r > 0.0), reverse=True):
+        if last - rate >= apart:
+            axes.annotate(_hertz(each), (mu, last := rate), **place, color=figures.RED, fontsize=8.0)
+
+
+def mark_onsets(axes: Axes, mu: Any, hertz: Any, unit: float = 1.0) -> None:
+    """Mark flutter onsets, in Hz, on an axis of frequency in `unit` Hz."""
+    if len(mu):
+        axes.plot(mu, np.divide(hertz, unit), "o", color=figures.BLUE, label="flutter onset, model", zorder=3)
+    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5}
+    for at, each in zip(mu, hertz, strict=True):
+        # Beside the unstable branch there is room below it, and above it near the bottom of the band.
+        side, offset = ("top", -6) if each / unit > 0.1 * axes.get_ylim()[1] else ("bottom", 6)
+        how: dict[str, Any] = {"textcoords": "offset points", "va": side, "color": figures.BLUE, "bbox": box}
+        axes.annotate(f"μ = {at:.4f}, {_hertz(each)}", (at, each / unit), (8, offset), **how)
+
+
+def _hertz(frequency: float) -> str:
+    return f"{frequency:.0f} Hz" if frequency >= 100.0 else f"{frequency:.4g} Hz"
