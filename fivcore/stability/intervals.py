@@ -43,7 +43,8 @@ class OnsetCurve(ReadOnlyArrays):
         Where it begins and ends: the "range" of theta, "mu_max", "fmax", or a "fold", where it meets a branch of
         the other kind.
     lowest : tuple of float
-        theta, mu and frequency where mu is least.
+        theta, mu and frequency where mu is least: theta to some 1e-8 of itself, for mu is flat there, and the
+        frequency as far as it changes with theta.
     """
 
     theta: Array

@@ -1,8 +1,8 @@
 """Derivatives of the flutter onsets by the parameters of the rig: central differences of fourth order.
 
-The changed rigs are rows of one call of `flutter_onsets_many`. STEP balances truncation against rounding: on 28
+The changed rigs are rows of one call of `flutter_onsets_many`. STEP balances truncation against rounding: on five
 rigs, the paper's among them, normalised sensitivities agree with derivatives in closed form to 5e-8 of
-themselves, or to 5e-11 of the largest of their onset where they are small beside it. With a node of a coarse P2 at
+themselves, or to 5e-10 of the largest of their onset where they are small beside it. With a node of a coarse P2 at
 the contact the error is some 1e-6, since there the second derivative of the interpolated deflection jumps.
 
 Of a structure the derivatives are in closed form, by the implicit function theorem: at an onset

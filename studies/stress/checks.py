@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fivcore import ContactError, DivergenceError, Rig, Scene, Transient, painleve_mu, simulate_many
-from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, reduced_model
+from fivcore.contact.reduced import ReducedModel, full_model, reduced_model
 from fivcore.contact.step_map import largest_stable_step, stable
 from fivcore.transient import exact, published
 from fivcore.transient.normalised import Normalised, State, slip_distance
@@ -44,10 +43,6 @@ BALANCE = {"exact": 1e-9, "fast": 0.05}
 GAP, INSTANTS = 1e-4, 2000
 # Mean of N over so many blocks: standard errors that may lie between it and F, and what the head's momentum is.
 BLOCKS, DEVIATIONS, MOMENTUM = 40, 5.0, 1e-6
-# Thread time per step over that without friction ("exact" pays for its events); least and most steps of "fast" for
-# it. It is measured again unless it is below ENOUGH, for one slow moment is the machine's.
-COST, ATTEMPTS, ENOUGH = {"fast": 3.0, "paper": 3.0, "exact": 10.0}, 4, 2.0
-COST_STEPS = (200_000, 10_000_000)
 # What the value of each check is, for a reader; `message` is of a refusal (`not_stated`).
 CHECKS = {
     "finite": "numbers that are not finite", "normal": "N below zero, in units of the largest",
@@ -59,8 +54,7 @@ CHECKS = {
     "gap": "gap in contact or penetration, in units of the compliance under the largest force",
     "energy": "relative energy-balance residual", "mean": "mean N less F where settled, in units of F",
     "copy": "statistics of a copy off the original, in units of them",
-    "record": "statistics that recording changes",
-    "cost": "thread time per step, in units of that without friction", "message": "what a refusal fails to state",
+    "record": "statistics that recording changes", "message": "what a refusal fails to state",
 }  # fmt: skip
 
 
@@ -140,14 +134,13 @@ def spec_of(case: Case, method: str) -> tuple[RunSpec, float]:
 
 
 class RunData(NamedTuple):
-    """One run with its records and its cost."""
+    """One run with its records."""
 
     spec: RunSpec
     run: Transient  # recorded at every step, from the beginning as far as MOST_ROWS go
     summary: Mapping[str, Any]  # of the whole run, not recorded; of a long one, recorded coarsely
     long: Transient | None  # of a run of LONG or more: all of it, recorded coarsely
     original: Mapping[str, Any] | None  # of a case that is a copy of the operating point: the summary of that
-    cost: float  # thread time per step in units of what the same modes take without friction
 
 
 def collect(spec: RunSpec, is_copy: bool = False) -> RunData:
@@ -158,32 +151,7 @@ def collect(spec: RunSpec, is_copy: bool = False) -> RunData:
     summary = long.summary if long else spec.simulate(settle=0.0).summary
     run = spec.simulate(duration=min(duration, MOST_ROWS * spec.step), record=True, sample_rate=None, settle=0.0)
     original = spec.changed(**POINT).simulate(settle=0.0).summary if is_copy else None
-    return RunData(spec, run, summary, long, original, _cost(spec))
-
-
-def _cost(spec: RunSpec) -> float:
-    """Thread time per step, in units of what the same modes take without friction, where nothing happens."""
-    duration, fast = spec.arguments["duration"], spec.method == "fast"
-    if fast:
-        duration = float(np.clip(duration, COST_STEPS[0] * spec.step, COST_STEPS[1] * spec.step))
-    # The finer onset of "fast" is left out of both: how long it lasts is the scene's.
-    if fast and not spec.start and not spec.chosen("cutoff"):
-        spec = spec.changed(cutoff=default_cutoff(spec.rig))
-    if fast:
-        spec = spec.changed(end_early=False)
-    # Nothing happens in the quiet one, so a part of it tells as much.
-    quiet, part = replace(spec.changed(mu=0.0), start=None), 1.0 if fast else 0.25
-    runs = ((spec, duration), (spec, spec.step), (quiet, part * duration), (quiet, quiet.step))
-    least = [np.inf] * len(runs)
-    for _ in range(ATTEMPTS):
-        for k, (run, length) in enumerate(runs):
-            begin = time.thread_time()
-            run.simulate(duration=length)
-            least[k] = min(least[k], time.thread_time() - begin)
-        cost = (least[0] - least[1]) / max((least[2] - least[3]) / part, 1e-9)
-        if cost <= ENOUGH:
-            break
-    return float(cost)
+    return RunData(spec, run, summary, long, original)
 
 
 def stated(message: str, word: str) -> float:
@@ -237,7 +205,7 @@ def evaluate(data: RunData) -> dict[str, Check]:
     values = [np.asarray(value, dtype=float) for value in summary.values() if not isinstance(value, str)]
     wrong = [~np.isfinite(part) for part in series] + [np.isinf(part) for part in values]
     count = float(sum(map(np.count_nonzero, wrong)) + np.isnan(summary["energy_residual"]))
-    checks = _contact_law(spec, run) | {"finite": (count, 0.0), "cost": (data.cost, COST[method])}
+    checks = _contact_law(spec, run) | {"finite": (count, 0.0)}
     if method == "exact":
         checks["gap"] = _gap(spec, run), GAP
     if method != "paper":

@@ -86,21 +86,21 @@ def summary(data: xr.Dataset) -> Iterator[Any]:
     words = frame["code"].map(dict(enumerate(OUTCOMES))).rename("outcome")
     yield "Cases by outcome", pd.crosstab(words, frame["method"]).reset_index()
     margin = data["margin"].where(data["value"].notnull() | data["bound"].isnull(), np.inf)
-    margins = margin.where(data["check"] != "cost").to_dataframe("margin")["margin"]
-    yield "Checks nearest to failing, cost apart", margins.nlargest(max(LISTED, failed)).reset_index()
+    margins = margin.to_dataframe("margin")["margin"]
+    yield "Checks nearest to failing", margins.nlargest(max(LISTED, failed)).reset_index()
     for method, reason in sorted({pair for case in CASES.values() for pair in case.excluded.items()}):
         yield f"Some cases do not apply to '{method}': {reason}."
 
 
 def figure(data: xr.Dataset) -> Any:
     """Above, the nearest check of every case, or that it is refused or fails; below, every check of every case."""
-    code, nearest = outcomes(data), data["margin"].where(data["check"] != "cost").max("check")
+    code, nearest = outcomes(data), data["margin"].max("check")
     nearest = nearest.where(code == 0, REFUSED).where(code != FAILS, BROKEN).where(code <= FAILS)
     rows, failed = [len(set(data["group"].values)) + 1, data.sizes["check"]], int((code == FAILS).sum()) or "none"
     figure, panels = figures.panels(2, 1, 17.0, 5.0 + 0.7 * sum(rows), sharex=True, height_ratios=rows)
     _draw_strips(panels[0], nearest.assign_coords(group=data["group"]), "group")
     _draw_strips(panels[1], data["margin"], "check")
-    figures.letter(panels, ("cases by group: the check that came nearest to failing, cost apart", "every check"))
+    figures.letter(panels, ("cases by group: the check that came nearest to failing", "every check"))
     panels[1].set_xlabel("margin: value / bound of the check; from 1 on a case fails")
     figure.suptitle(f"{data.sizes['case']} cases under stress,\n{DAMPING}: {failed} failed")
     figures.legend_below(figure, panels)

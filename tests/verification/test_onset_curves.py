@@ -96,7 +96,13 @@ def test_curves_are_all_onsets_and_recoveries_whatever_the_angles(rig, fmax, las
         assert curve.ends == other.ends
         np.testing.assert_allclose(curve.theta[[0, -1]], other.theta[[0, -1]], rtol=1e-9)
         np.testing.assert_allclose(curve.mu[[0, -1]], other.mu[[0, -1]], rtol=1e-7)
-        np.testing.assert_allclose(curve.lowest[1:], other.lowest[1:], rtol=1e-7)
+        # mu is flat where it is least within a curve, so that its rounding leaves some 1e-8 of theta open; the
+        # frequency goes with it.
+        theta, *found = curve.lowest
+        inside = curve.theta[0] < theta < curve.theta[-1]
+        slope = np.gradient(curve.frequency, curve.theta)[curve.theta == theta].item() if inside else 0.0
+        moved = other.lowest[2] + slope * (theta - other.lowest[0])
+        np.testing.assert_allclose((theta, *found), (*other.lowest[:2], moved), rtol=1e-7)
 
 
 def test_a_curve_reaches_the_largest_friction(papers):

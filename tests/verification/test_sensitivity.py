@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import lu_factor, lu_solve
 
 from fivcore import Rig, flutter_onsets, onset_curves, onset_sensitivity
 from studies.accuracy.rigs import drawn_scene
 from studies.parameters import rig_numbers
+from tests.helpers.reference import assemble
 from tests.helpers.rigs import workshop_rig
 
 BARE = {"d1": 0.0, "d2": 0.0}
@@ -35,6 +37,66 @@ def test_derivatives_are_differences_of_onsets(number, damping):
         found = [of_mu, mine.frequency_normalised[name]]
         np.testing.assert_allclose(found, slopes, rtol=1e-5, atol=1e-6, err_msg=name)
         np.testing.assert_allclose(mine.mu_gradient[name] * values[name], of_mu * mine.mu, rtol=1e-12)
+
+
+def in_closed_form(rig, theta, mu, frequency, name):
+    """d mu / dp and d frequency / dp by the implicit function theorem, at an onset of the plain model.
+
+    F = n A^-1 (n + mu t) = 0 there, two real equations; A = (1 + d2 phi) K + (phi + d1) phi M, phi = i omega.
+    Matrices change as their differences in extended precision do.
+    """
+    numbers, phi = rig_numbers(rig) | {"theta": theta}, 2j * np.pi * np.longdouble(frequency)
+
+    def model(way):
+        given = numbers | {name: numbers[name] * (1.0 + way * 1e-4)}
+        value, angle = np.longdouble(given[name]), given.pop("theta")
+        changed = Rig.of(**given)
+        k, m, n, t = assemble(changed, angle, np.longdouble)
+        return value, (1.0 + changed.d2 * phi) * k + (phi + changed.d1) * phi * m, n, n + mu * t, k, m, t
+
+    (_, a, n, force, k, m, t), *changed = map(model, (0.0, -1.0, 1.0, -2.0, 2.0))
+    (low, *less), (high, *more), (lower, *least), (higher, *most) = changed
+    near, far = (
+        [(y - x) / (end - start) for x, y in zip(one[:3], other[:3], strict=True)]
+        for start, one, end, other in ((low, less, high, more), (lower, least, higher, most))
+    )
+    da, dn, df = ((4.0 * x - y) / 3.0 for x, y in zip(near, far, strict=True))
+    factors = lu_factor(a.astype(complex))
+
+    def solved(right):
+        x = np.zeros_like(a[0])
+        for _ in range(4):
+            x = x + lu_solve(factors, (right - a @ x).astype(complex))
+        return x
+
+    x, y = solved(n), solved(force)
+    by_omega = -1j * x @ ((rig.d2 * k + (2.0 * phi + rig.d1) * m) @ y)
+    by_each = dn @ y + x @ df - x @ (da @ y)
+    columns = np.array([x @ t, by_omega]).astype(complex)
+    by_each = complex(by_each)
+    by_mu, by_omega = np.linalg.solve([columns.real, columns.imag], [-by_each.real, -by_each.imag])
+    return float(by_mu), float(by_omega) / (2.0 * np.pi)
+
+
+COSTLY = [pytest.param(rig, marks=pytest.mark.slow) for rig in (Rig(), workshop_rig(14))]
+
+
+@pytest.mark.parametrize("rig", [*map(workshop_rig, (1, 3, 5)), *COSTLY])
+def test_derivatives_are_those_in_closed_form(rig):
+    theta = 5.0 if rig == Rig() else 9.0
+    mine, numbers = onset_sensitivity(rig, theta), rig_numbers(rig) | {"theta": theta}
+    values = {name: numbers[name] for name in mine.mu_gradient}
+    assert len(mine.mu)
+    for k, (mu, frequency) in enumerate(zip(mine.mu, mine.frequency, strict=True)):
+        found = np.array(
+            [[each[name][k] for name in values] for each in (mine.mu_normalised, mine.frequency_normalised)]
+        )
+        expected = np.transpose(
+            [np.array(in_closed_form(rig, theta, mu, frequency, name)) * value for name, value in values.items()]
+        )
+        expected /= np.array([[mu], [frequency]])
+        error, size = np.abs(found - expected), np.abs(expected)
+        assert np.all(error <= np.maximum(5e-8 * size, 5e-10 * size.max(axis=1, keepdims=True)))
 
 
 def test_next_to_no_damping_is_none():
