@@ -15,6 +15,7 @@ unique. In rigid contact the restitution is 0.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -71,7 +72,7 @@ def status_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> StatusM
         decay = step * K[1, 1] / C[1, 1]
         offset = step * float(0.5 + decay / 12.0 if decay < 1e-4 else -1.0 / decay - 1.0 / np.expm1(-decay))
         square_ratio = 0.5 * decay / np.tanh(0.5 * decay) if decay > 1e-6 else 1.0
-        separation = expm(-step * np.linalg.solve(C, K))
+        separation = _relaxation(tuple(np.linalg.solve(C, K).ravel().tolist()), step)
     # (N, T) with the mean of the rates in the dashpot; u_T follows g_T only from the offset on.
     stick, entering, closure = (
         np.linalg.inv(np.eye(2) + damping @ M) @ np.hstack([K, -damping])
@@ -137,10 +138,16 @@ def steepest_fall(slide: Slide, mu: float) -> float:
     return 1.0 / (slide.mobility * max(factors))
 
 
-def painleve_mu(K: Array, C: Array, M: Array, step: float, mu: float = np.inf) -> float:
+@lru_cache(maxsize=256)
+def _relaxation(rates: tuple[float, ...], step: float) -> Array:
+    """Map of u over a step of separation."""
+    return np.asarray(expm(-step * np.reshape(rates, (2, 2))))
+
+
+def painleve_mu(K: Array, C: Array, M: Array, step: float) -> float:
     """Painleve limit: smallest friction for which a divisor of slip is zero; a step of zero: by the law itself.
 
-    Arguments are those of `status_maps`, K and C in proportion; where it exceeds `mu`, a lower bound may do.
+    Arguments are those of `status_maps`, K and C in proportion.
     """
     law = ratio(K[1, 1], K[0, 1])
     if not C.any() or step == 0.0:
@@ -155,8 +162,8 @@ def painleve_mu(K: Array, C: Array, M: Array, step: float, mu: float = np.inf) -
     # The step's own divisors are positive at mu = 0 and smooth up to the law's limit; no mu exceeds 1e6.
     trial = np.linspace(0.0, min(law, 1e6) * (1.0 - 1e-9), 400)
     past = np.flatnonzero(least(trial) <= 0.0)
-    if not len(past) or trial[past[0] - 1] > mu:
-        return float(trial[past[0] - 1]) if len(past) else law
+    if not len(past):
+        return law
     return float(brentq(lambda mu: least(np.array([mu]))[0], *trial[past[0] - 1 : past[0] + 1]))
 
 

@@ -115,13 +115,7 @@ class ReducedModel(ReadOnlyArrays):
 
     def impulse(self, step: float) -> Impulse:
         """Impulses of `fast` in this step, s, with spring and dashpot corrected for them."""
-        K, C, half = self.K, self.C, 0.5 * step * self.W
-        if not K.any() or step == 0.0:
-            return Impulse(np.zeros((2, 2)), K, C, half)
-        parts = at_impulses(self.stiffness, self.damping, step)
-        defect, drift = ((self.shapes * part) @ self.shapes.T for part in parts)
-        softened = np.asarray(np.linalg.inv(np.linalg.inv(K) + defect))
-        return Impulse(defect, softened, C[0, 0] / softened[0, 0] * softened, half - drift)
+        return _impulse(self, step)
 
     def dissipation(self, impulse: Impulse) -> Array:
         """Damping of the dashpot by the mean rates of the gaps over a step, (2, 2), N s/m."""
@@ -129,15 +123,9 @@ class ReducedModel(ReadOnlyArrays):
         rates = np.linalg.solve(impulse.stiffness, self.K) if self.K.any() else np.eye(2)
         return np.asarray(rates.T @ self.C @ rates)
 
-    def painleve_mu(self, step: float | None, mu: float = np.inf) -> float:
-        """Painleve limit of friction: no unique contact force from there on; in steps of `fast`, or by the law.
-
-        Where it exceeds `mu`, a lower bound above `mu` may do.
-        """
-        if not self.K.any():
-            return ratio(self.W[0, 0], self.W[0, 1])
-        _, K, C, M = self.impulse(step or 0.0)
-        return painleve_mu(K, C, M, step or 0.0, mu)
+    def painleve_mu(self, step: float | None) -> float:
+        """Painleve limit of friction: no unique contact force from there on; in steps of `fast`, or by the law."""
+        return _painleve_mu(self, step or 0.0)
 
     def steepest_fall(self, step: float, mu: float) -> float:
         """Largest -d mu / dv, s/m for a unit load, up to which slip is unique in a step of `fast`, s."""
@@ -169,6 +157,26 @@ class ReducedModel(ReadOnlyArrays):
         """Largest stable step of `fast`, s."""
         omega = self.contact_frequency
         return LIMIT / omega if omega else float(np.pi / np.sqrt(self.stiffness.max()))
+
+
+# What does not depend on friction is kept, for a sweep has many of them.
+@lru_cache(maxsize=256)
+def _impulse(model: ReducedModel, step: float) -> Impulse:
+    K, C, half = model.K, model.C, 0.5 * step * model.W
+    if not K.any() or step == 0.0:
+        return Impulse(np.zeros((2, 2)), K, C, half)
+    parts = at_impulses(model.stiffness, model.damping, step)
+    defect, drift = ((model.shapes * part) @ model.shapes.T for part in parts)
+    softened = np.asarray(np.linalg.inv(np.linalg.inv(K) + defect))
+    return Impulse(defect, softened, C[0, 0] / softened[0, 0] * softened, half - drift)
+
+
+@lru_cache(maxsize=256)
+def _painleve_mu(model: ReducedModel, step: float) -> float:
+    if not model.K.any():
+        return ratio(model.W[0, 0], model.W[0, 1])
+    _, K, C, M = model.impulse(step)
+    return painleve_mu(K, C, M, step)
 
 
 @lru_cache(maxsize=64)

@@ -16,7 +16,7 @@ from fivcore.contact.law import slide, status_maps
 from fivcore.contact.reduced import reduced_model
 from fivcore.contact.step_map import step_map
 from fivcore.friction import COULOMB, friction_ratio, slip_speed
-from fivcore.transient.fast.steady import falling_eigenvalues
+from fivcore.transient.fast.steady import eigenvalues
 
 BLOCK = Structure.from_modes([0.0, 0.5 / np.pi], [1.0, 0.0], [0.0, 1.0], load=[-1.0, 0.0])
 DAMPED = Structure.from_modes(
@@ -105,7 +105,7 @@ def test_deviations_from_sliding_follow_the_falling_law() -> None:
     np.testing.assert_allclose(nearly, constant, rtol=1e-7, atol=1e-9 * np.abs(constant).max())
 
     def lowest(part: float) -> np.ndarray:
-        z = falling_eigenvalues(model, 0.15, 3.0, part * step)
+        z = eigenvalues(model, 0.15, part * step, 3.0)
         z = z[(z.imag > 0.0) & (z.imag < 2.0 * np.pi * 10e3)]
         return z[np.argsort(z.imag)]
 

@@ -36,7 +36,8 @@ def finer_solver(scene: Normalised, step: float, options: Options) -> Solver | N
     cutoff = HIGHER * default_cutoff(scene.rig)
     model = reduced_model(scene.rig, scene.theta, cutoff)
     # With every mode kept there is no u that `prolong` could find.
-    unique = -scene.mu * scene.friction.slope(0.0) < model.steepest_fall(step / FINER, scene.mu)
+    fall = -scene.mu * scene.friction.slope(0.0)
+    unique = not fall or fall < model.steepest_fall(step / FINER, scene.mu)
     if model.K.any() and unique and step / FINER <= modified(model, options.modify).largest_step:
         with suppress(ContactError):
             return frozen_solver(modified(model, options.modify), scene.mu, step / FINER, scene.friction)

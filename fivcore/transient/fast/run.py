@@ -24,7 +24,7 @@ from fivcore.transient.fast import onset
 from fivcore.transient.fast.kernel import advance
 from fivcore.transient.fast.skip import NONE, skip_tables, workspace_for
 from fivcore.transient.fast.solver import Solver, frozen_solver, put, take
-from fivcore.transient.fast.steady import NEAR, SteadySliding, falling_eigenvalues, growing, steady_sliding
+from fivcore.transient.fast.steady import NEAR, SteadySliding, eigenvalues, growing, steady_sliding
 from fivcore.transient.normalised import Normalised, State, displacement, residual_gaps, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import (
@@ -81,14 +81,10 @@ class FastRun:
         self.growing: Array = np.zeros(0)
         law, speed = scene.friction, scene.speed_per_load
         self._kinetic = scene.mu * law.ratio(speed)
-        if finer and not law.constant:
-            fall = -scene.mu * law.slope(speed)
-            self.growing = growing(falling_eigenvalues(model, self._kinetic, fall, self.step))
-            finer = len(self.growing) > 0
-        elif finer and (steady := steady_sliding(model, self._kinetic, self.step)) is not None:
-            self.growing = growing(steady.eigenvalues)
+        if finer:
+            self.growing = growing(eigenvalues(model, self._kinetic, self.step, -scene.mu * law.slope(speed)))
             # Growth in the finer model alone would start a vibration where this one's sliding is stable.
-            finer = not steady.decays
+            finer = len(self.growing) > 0
         self._fine = onset.finer_solver(scene, self.step, options) if finer else None
         distance = slip_distance(scene)
         self._share = 1.0 - min(onset.LEAD * scene.speed_per_load / distance, 1.0) if distance > 0.0 else 0.0
@@ -415,8 +411,8 @@ class FastRun:
 
 def check_falling(model: ReducedModel, scene: Normalised, step: float) -> None:
     """Raise where friction falls so steeply that under the load slip is not unique in a step."""
-    fall, most = -scene.mu * scene.friction.slope(0.0), model.steepest_fall(step, scene.mu)
-    if fall < most:
+    fall = -scene.mu * scene.friction.slope(0.0)
+    if not fall or fall < (most := model.steepest_fall(step, scene.mu)):
         return
     steps = model.largest_step * 0.5 ** np.arange(0.0, 20.0, 0.25)
     for allowed in steps[[fall < model.steepest_fall(each, scene.mu) for each in steps]][:1]:

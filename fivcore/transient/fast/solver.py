@@ -31,7 +31,7 @@ class Solver:
     def __init__(self, model: ReducedModel, mu: float, step: float, friction: Friction = COULOMB) -> None:
         self.model, self.step = model, step
         kinetic = mu * friction.kinetic_ratio if friction.constant else mu
-        limit = model.painleve_mu(step, mu)
+        limit = model.painleve_mu(step)
         if mu >= limit:
             raise not_unique(mu, limit)
         gaps, lower = model.shapes, np.tril_indices(2)

@@ -103,8 +103,8 @@ def growing(eigenvalues: Complex) -> Array:
 
 
 @one_blas_thread()
-def falling_eigenvalues(model: ReducedModel, mu: float, fall: float, step: float) -> Complex:
-    """Those of steady sliding, 1/s, where friction falls by `fall`, N s/m, beside that of the coefficient `mu`."""
+def eigenvalues(model: ReducedModel, mu: float, step: float, fall: float = 0.0) -> Complex:
+    """Those of steady sliding at the coefficient `mu`, 1/s, where friction falls by `fall` with speed, N s/m."""
     z = np.linalg.eigvals(step_map(model, model.impulse(step), step, mu, fall).matrix)
     return np.asarray(np.log(z + np.finfo(float).tiny) / step, dtype=complex)
 
