@@ -242,6 +242,9 @@ class SlidingOnsets(ReadOnlyArrays):
 def sliding_onsets(scene: Scene, parameter: str, low: float, high: float, fmax: float = 10e3) -> SlidingOnsets:
     """Onsets and recoveries of steady sliding along the static friction, the speed or the load.
 
+    Those within the band, as for `flutter_onsets`: motions that grow without oscillation, or that enter the band
+    while they grow, have none.
+
     Parameters
     ----------
     scene : Scene
