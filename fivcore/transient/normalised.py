@@ -1,7 +1,8 @@
 """The normalised scene, the initial state, and the motion of P2's clamp.
 
 A scene is homogeneous in V, F and the decay speed of friction, and (theta, V) mirrors (-theta, -V): every run is
-computed for V > 0 and F = 1, with V / F and v_d / F rounded to 12 digits, and scaled back. Copies of a scene then have the same bits.
+computed for V > 0 and F = 1, with V / F and v_d / F rounded to 12 digits, and scaled back. Copies of a scene then
+have the same bits.
 """
 
 from __future__ import annotations
