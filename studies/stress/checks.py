@@ -227,11 +227,12 @@ def _contact_law(spec: RunSpec, run: Transient) -> dict[str, Check]:
     N, T, slip, state = run.normal_force, run.tangential_force, run.slip_velocity, run.state
     mu, V, step = spec.scene.mu, abs(spec.arguments["V"]), spec.step
     peak = max(float(np.abs(N).max()), spec.arguments["F"])
-    separated, landing = state == SEPARATION, np.zeros(len(state), dtype=bool)
+    separated, (landing, stopping) = state == SEPARATION, np.zeros((2, len(state)), dtype=bool)
     if spec.method == "fast" and not spec.model.K.any():
-        # In rigid contact the step of an impact is left out: its mean velocity may differ in sign from the next.
-        landing[1:] = separated[:-1]
-    slips, sticks, bound = (state == SLIP) & ~landing, (state == STICK) & ~landing, ROUNDING
+        # In rigid contact the step of an impact is left out: its mean velocity may differ in sign from the next. So
+        # is the step in which slip ends.
+        landing[1:], stopping[1:] = separated[:-1], state[:-1] == SLIP
+    slips, sticks, bound = (state == SLIP) & ~landing, (state == STICK) & ~landing & ~stopping, ROUNDING
     law = {"normal": (float(max(0.0, -N.min())) / peak, ROUNDING)}
     law["separation"] = float(max(np.abs(part[separated]).max(initial=0.0) for part in (N, T))) / peak, 0.0
     if spec.method == "paper":

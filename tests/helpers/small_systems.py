@@ -181,6 +181,7 @@ def stepped(system, steps, dt, b=published.BETA2, tau=published.TAU):
     reach = q + dt * (vs + b * dt * a) + 0.5 * dt**2 * a
     record = begin(np.zeros(1, published.SCENE), 0.0, 0.0, 1.0, SLIP)
     fill(record, dt=dt, b=b, r=dt / tau, mu=system.mu, speed=system.V, gap_N=normal @ reach)
+    fill(record, kinetic=system.mu)
     fill(record, W_NN=W[0], W_NT=W[1], W_TT=W[2], gap_T=tangential @ reach, last_gT=tangential @ q)
     fill(record, last_T=system.last_T, contact=SLIP, sample_every=steps, row_every=1, stick_room=steps)
     rows, samples = np.empty((steps, 6)), np.empty((count_in(0, steps, steps), SAMPLE))

@@ -154,12 +154,13 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
         vN = added(free_vN, v_NN, impulse_N, v_NT, impulse_T) - M_NN
         vT = added(free_vT, v_NT, impulse_N, v_TT, impulse_T) - (M_NT + drive)
         eN, eT = vN, vT
-        if rigid:
-            # What lasts keeps its gaps over the free move that follows: the rates after the impulse are those that
-            # the last free move has undone by half. Also where a contact begins, which has no way to overshoot.
+        if rigid and contact != STICK:
+            # A contact that begins or ends its slip has its gaps at rest over the free move that follows: the rates
+            # after the impulse are those that the last free move has undone by half.
             if np.isnan(after_T):
                 after_N, after_T = -vN, -vT
-            eN, eT = 0.75 * vN - 0.25 * after_N, 0.75 * vT - 0.25 * after_T
+            eT = 0.75 * vT - 0.25 * after_T
+            eN = 0.75 * vN - 0.25 * after_N if contact == SEPARATION else vN
         # The contact law.
         was = contact
         law = np.uint64(was)
@@ -170,14 +171,23 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
         before, end_N, end_T = u_T, relaxed, relax[2] * u_N + relax[3] * u_T
         if closed:
             u = anchor - gT if was == STICK else u_T
-            N = (stick_law[law, 0] * p + stick_law[law, 2] * eN) + (stick_law[law, 3] * eT + stick_law[law, 1] * u)
-            T = (stick_law[law, 4] * p + stick_law[law, 6] * eN) + (stick_law[law, 7] * eT + stick_law[law, 5] * u)
+            rate = eT if was == SEPARATION else vT
+            N = (stick_law[law, 0] * p + stick_law[law, 2] * eN) + (
+                stick_law[law, 3] * rate + stick_law[law, 1] * u
+            )
+            T = (stick_law[law, 4] * p + stick_law[law, 6] * eN) + (
+                stick_law[law, 7] * rate + stick_law[law, 5] * u
+            )
             holds = N > 0.0 and abs(T) <= (mu if was == STICK else moving) * N
             if falls and holds and was != STICK:
                 # Where two solutions exist, a contact that moves goes on moving.
                 holds = falling(scene, p, u, eN, vT, np.sign(T), slip_rate)[0] < 0.0
             if holds:
                 contact, before, end_N, end_T = STICK, u, p, u
+                if rigid and was == SLIP:
+                    gentle_N, gentle_T = N + stick_law[law, 3] * (eT - vT), T + stick_law[law, 7] * (eT - vT)
+                    if gentle_N > 0.0 and abs(gentle_T) <= mu * gentle_N:
+                        N, T = gentle_N, gentle_T
             else:
                 contact = SLIP
             if was != STICK or contact != STICK:
