@@ -14,6 +14,7 @@ from fivcore.errors import (
 from fivcore.friction import Friction
 from fivcore.rig import Beam, Rig, Scene
 from fivcore.stability.assembled import AssembledModes, assembled_modes, assembled_onsets
+from fivcore.stability.falling import SlidingOnsets, sliding_onsets
 from fivcore.stability.intervals import OnsetCurve, OnsetCurves, UnstableWindows, onset_curves, unstable_windows
 from fivcore.stability.many import FlutterOnsets, ManyFlutterOnsets, flutter_onsets, flutter_onsets_many
 from fivcore.stability.sensitivity import OnsetSensitivity, onset_sensitivity
@@ -28,8 +29,9 @@ from fivcore.transient.simulate import painleve_mu, simulate, simulate_many
 __all__ = [
     "AssembledModes", "Beam", "ContactError", "DivergenceError", "FixedContactWarning", "FlutterOnsets",
     "Friction", "InputError", "ManyFlutterOnsets", "OnsetCurve", "OnsetCurves", "OnsetSensitivity",
-    "OutOfBandWarning", "Rig", "Scene", "SlidingModes", "State", "Structure", "Transient", "UnsolvedError",
-    "UnstableWindows", "Until", "assembled_modes", "assembled_onsets", "flutter_onsets", "flutter_onsets_many",
-    "glued_frequencies", "node_positions", "onset_curves", "onset_sensitivity", "painleve_mu", "simulate",
-    "simulate_many", "sliding_modes", "tune_head_mass", "unstable_windows",
+    "OutOfBandWarning", "Rig", "Scene", "SlidingModes", "SlidingOnsets", "State", "Structure", "Transient",
+    "UnsolvedError", "UnstableWindows", "Until", "assembled_modes", "assembled_onsets", "flutter_onsets",
+    "flutter_onsets_many", "glued_frequencies", "node_positions", "onset_curves", "onset_sensitivity",
+    "painleve_mu", "simulate", "simulate_many", "sliding_modes", "sliding_onsets", "tune_head_mass",
+    "unstable_windows",
 ]  # fmt: skip

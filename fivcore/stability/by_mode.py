@@ -49,16 +49,27 @@ def damped_problem(own: Structure, fmax: float) -> SlidingProblem:
     distance = np.abs(exponents(p, c)).min(axis=0)
     limit = max(KEPT, *np.sort(distance)[: int(np.sum(distance < BAND)) + 2][-1:])
     near = distance <= limit
-    # The series of 1 / (p + c phi + phi^2).
-    series = np.zeros((TERMS, np.count_nonzero(~near)))
-    series[0] = 1.0 / p[~near]
-    for k in range(1, TERMS):
-        series[k] = -(c[~near] * series[k - 1] + (series[k - 2] if k > 1 else 0.0)) / p[~near]
-    tail = (residues[:, None, ~near] * series).sum(axis=-1)
+    tail = far_series(p[~near], c[~near], residues[:, ~near])
     tail[:, 0] += residual
-    tail = tail[:, : TERMS if series.size else 1].copy()
+    tail = tail[:, : 1 if near.all() else TERMS].copy()
     p, c, residues = p[near], c[near], residues[:, near].copy()
-    a, poles = residues[0], np.stack([p, c])
+    guesses = frictionless(p, c, residues[0], tail)
+    uncoupled = np.concatenate([exponents(*each).ravel() for each in hidden])
+    uncoupled = uncoupled[(np.abs(uncoupled) <= RADIUS) & (uncoupled.imag >= 0.0)]
+    return SlidingProblem(unit, np.stack([p, c]), residues, tail, guesses, uncoupled)
+
+
+def far_series(p: Array, c: Array, residues: Array) -> Array:
+    """Power series of sum residues / (p + c phi + phi^2), (rows, TERMS)."""
+    series = np.zeros((TERMS, len(p)))
+    series[0] = 1.0 / p
+    for k in range(1, TERMS):
+        series[k] = -(c * series[k - 1] + (series[k - 2] if k > 1 else 0.0)) / p
+    return np.asarray((residues[:, None] * series).sum(axis=-1))
+
+
+def frictionless(p: Array, c: Array, a: Array, tail: Array) -> Complex:
+    """Guesses: exponents without friction, a little aside, and two for what comes from beyond the poles."""
     between, local = ((a[:-1] * x[1:] + a[1:] * x[:-1]) / (a[:-1] + a[1:]) for x in (p, c))
     if np.any(tail):
         # The root above the last mode, and one more.
@@ -69,11 +80,8 @@ def damped_problem(own: Structure, fmax: float) -> SlidingProblem:
     turns = np.exp(1e-3j * np.where(np.arange(len(between)) % 2, -1.0, 1.0) * np.array([[1.0], [-0.7]]))
     start = (start * turns).ravel()
     roots = start.copy()
-    aberth(roots, poles, a, tail[0])
-    guesses = np.where(np.abs(roots) < 2.0 * RADIUS, roots * turns.ravel(), start)
-    uncoupled = np.concatenate([exponents(*each).ravel() for each in hidden])
-    uncoupled = uncoupled[(np.abs(uncoupled) <= RADIUS) & (uncoupled.imag >= 0.0)]
-    return SlidingProblem(unit, poles, residues, tail, guesses, uncoupled)
+    aberth(roots, np.stack([p, c]), a, tail[0])
+    return np.asarray(np.where(np.abs(roots) < 2.0 * RADIUS, roots * turns.ravel(), start))
 
 
 def exponents(p: Array, c: Array) -> Complex:
@@ -86,6 +94,10 @@ def exponents(p: Array, c: Array) -> Complex:
 
 def damped_roots(problem: SlidingProblem, mu: float) -> Complex:
     """`sliding_roots` of a problem in phi; of a conjugate pair that with Im > 0; no growth that is rounding."""
-    roots = sliding_roots(problem, mu)
+    return upper_half(sliding_roots(problem, mu))
+
+
+def upper_half(roots: Complex) -> Complex:
+    """Those with Im >= 0, without growth that is rounding."""
     roots = roots[roots.imag >= 0.0]
     return np.where(np.abs(roots.real) <= 16.0 * EPS * np.abs(roots), 1j * roots.imag, roots)

@@ -5,9 +5,16 @@ where W = 0. W is sampled in steps that are a share of the distance from the nea
 and minima between the samples are refined (Brent, Algorithms for Minimization without Derivatives, 1973). Between
 any two crossings the growing exponents are counted (`secular`, by the argument principle): where they are not
 those that the crossings make, the samples were too coarse.
+
+Where friction falls with the speed, h_TT takes part, and `quadratic` is the equation on the path: complex, for a
+real unknown x, as D-decomposition has it (Neimark, 1948). Its real and its imaginary part have a common root where
+their resultant, then W, is 0.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq, fminbound
@@ -17,7 +24,6 @@ from fivcore.errors import UnsolvedError
 from fivcore.jit import Array, Complex, kernel
 from fivcore.stability.by_mode import BAND, damped_problem, damped_roots, exponents
 from fivcore.stability.onsets import ARC, TOP
-from fivcore.stability.secular import SlidingProblem
 from fivcore.structure import Structure
 
 # Steps of the samples, as shares of the distance from the nearest pole; the least step and the first place.
@@ -27,7 +33,7 @@ LAST = ARC - FIRST
 
 
 @kernel
-def _place(omega: float) -> complex:
+def place(omega: float) -> complex:
     """Place on the path of `onsets`, phi in units of 2 pi fmax."""
     if omega <= 1.0:
         return complex(0.0, omega)
@@ -52,18 +58,55 @@ def _responses(phi: complex, n: int, p: Array, residues: Array, tail: Array) -> 
 
 
 @kernel
-def _crossing(omega: float, n: int, p: Array, residues: Array, tail: Array, sign: float) -> float:
-    """W, with the sign of Im(mu), times sign."""
-    a, b = _responses(BAND * _place(omega), n, p, residues, tail)
+def quadratic(
+    phi: complex, n: int, p: Array, residues: Array, tail: Array, form: Array
+) -> tuple[complex, complex, complex]:
+    """Coefficients of (A + m B) (1 + f m) - q x^power phi (A C - B^2) in x; m = m0 + m1 x.
+
+    `form` holds m0, m1, f, q and power; without the pole of mode n.
+    """
+    m0, m1, f, q, power = form
+    sums = np.zeros(3, dtype=np.complex128)
+    for k in range(tail.shape[1] - 1, -1, -1):
+        for r in range(3):
+            sums[r] = sums[r] * phi + tail[r, k]
+    for i in range(p.shape[1]):
+        if i != n:
+            inverse = 1.0 / (p[0, i] + phi * (p[1, i] + phi))
+            for r in range(3):
+                sums[r] += residues[r, i] * inverse
+    gap, a, b, c = p[0, n] + phi * (p[1, n] + phi), residues[0, n], residues[1, n], residues[2, n]
+    d = a * sums[2] + c * sums[0] - 2.0 * b * sums[1] + gap * (sums[0] * sums[2] - sums[1] * sums[1])
+    A, B, share = a + gap * sums[0], b + gap * sums[1], q * phi * d
+    c0, c1, c2 = (A + m0 * B) * (1.0 + f * m0), (A + m0 * B) * (f * m1) + m1 * B * (1.0 + f * m0), f * m1 * m1 * B
+    return (c0, c1 - share, c2) if power == 1.0 else (c0, c1, c2 - share)
+
+
+@kernel
+def _cross(a: complex, b: complex) -> float:
+    return a.real * b.imag - a.imag * b.real
+
+
+@kernel
+def crossing_function(
+    omega: float, n: int, p: Array, residues: Array, tail: Array, form: Any, sign: float
+) -> float:
+    """W, with the sign of Im(mu), times sign; with a form of `quadratic` that of Im(x), or the resultant."""
+    if form is not None:
+        c0, c1, c2 = quadratic(BAND * place(omega), n, p, residues, tail, form)
+        if form[1] * form[2] == 0.0 and form[4] == 1.0:
+            return sign * _cross(c0, c1)
+        return sign * (_cross(c0, c2) ** 2 - _cross(c0, c1) * _cross(c1, c2))
+    a, b = _responses(BAND * place(omega), n, p, residues, tail)
     return sign * (b.imag * a.real - b.real * a.imag)
 
 
 @kernel
-def _sample(p: Array, residues: Array, tail: Array, poles: Complex, share: float) -> Array:
+def sample(p: Array, residues: Array, tail: Array, form: Any, poles: Complex, share: float) -> Array:
     """Places on the path, W there, and the mode without whose pole it is, (k, 3)."""
     omega, count, samples = FIRST, 0, np.empty((4096, 3))
     while True:
-        phi, nearest, least, away = BAND * _place(omega), 0, np.inf, np.inf
+        phi, nearest, least, away = BAND * place(omega), 0, np.inf, np.inf
         for i in range(p.shape[1]):
             one, other = phi - poles[0, i], phi - poles[1, i]
             u, v = one.real**2 + one.imag**2, other.real**2 + other.imag**2
@@ -72,7 +115,9 @@ def _sample(p: Array, residues: Array, tail: Array, poles: Complex, share: float
                 nearest, least = i, u * v
         if count == len(samples):
             samples = np.concatenate((samples, np.empty((count, 3))))
-        samples[count] = np.array([omega, _crossing(omega, nearest, p, residues, tail, 1.0), nearest])
+        samples[count] = np.array(
+            [omega, crossing_function(omega, nearest, p, residues, tail, form, 1.0), nearest]
+        )
         count += 1
         if omega == LAST:
             return samples[:count]
@@ -83,7 +128,7 @@ def _sample(p: Array, residues: Array, tail: Array, poles: Complex, share: float
 def damped_crossings(own: Structure, fmax: float, mu_max: float) -> Array:
     """Friction, place on the path of `onsets` and change of the number of growing exponents, (k, 3), ascending."""
     problem = damped_problem(own, fmax)
-    p, residues, tail = system = problem.poles, problem.residues, problem.tail
+    p, residues, tail, _ = system = problem.poles, problem.residues, problem.tail, None
     if not np.any(residues[1]) and not np.any(tail[1]):
         return np.empty((0, 3))
     poles = exponents(*p)
@@ -91,24 +136,24 @@ def damped_crossings(own: Structure, fmax: float, mu_max: float) -> Array:
     ends = []
     for x in (0.0, 2.0 * BAND):
         n = int(np.argmin(np.abs(p[0] + x * (p[1] + x))))
-        a, b = _responses(complex(x), n, *system)
+        a, b = _responses(complex(x), n, p, residues, tail)
         ends.append(-(a / b).real if b else np.inf)
     for share in STEPS:
-        samples = _sample(*system, poles, share)
+        samples = sample(*system, poles, share)
         # Such an exponent grows from 0 on where Im(mu) > 0 on the path beside it, and leaves at 2 where it is.
         changes = (ends[0], ARC + 2.0, np.sign(samples[0, 1])), (ends[1], ARC, -np.sign(samples[-1, 1]))
         found = [each for each in changes if 0.0 < each[0] <= mu_max]
-        for low, high, n in _brackets(samples, system):
-            rising = _crossing(high, n, *system, 1.0) > 0.0
-            if rising == (_crossing(low, n, *system, 1.0) > 0.0):
+        for low, high, n in brackets(samples, system):
+            rising = crossing_function(high, n, *system, 1.0) > 0.0
+            if rising == (crossing_function(low, n, *system, 1.0) > 0.0):
                 continue
-            omega = brentq(_crossing, low, high, (n, *system, 1.0), xtol=1e-18, rtol=4.0 * EPS)
-            a, b = _responses(BAND * _place(omega), n, *system)
+            omega = brentq(crossing_function, low, high, (n, *system, 1.0), xtol=1e-18, rtol=4.0 * EPS)
+            a, b = _responses(BAND * place(omega), n, p, residues, tail)
             mu = -(a / b).real if b else np.inf
             if 0.0 < mu <= mu_max:
                 found.append((mu, omega, 2.0 if rising else -2.0))
         crossings = np.array(sorted(found)).reshape(-1, 3)
-        if _agree(problem, crossings, mu_max):
+        if agree(lambda mu: damped_roots(problem, mu), crossings, 0.0, mu_max):
             return crossings
     raise UnsolvedError(
         f"flutter onsets: those up to mu_max = {mu_max:g} do not explain which motions grow below fmax = {fmax:g}"
@@ -116,7 +161,7 @@ def damped_crossings(own: Structure, fmax: float, mu_max: float) -> Array:
     )
 
 
-def _brackets(samples: Array, system: tuple[Array, Array, Array]) -> list[tuple[float, float, int]]:
+def brackets(samples: Array, system: tuple[Array, Array, Array, Any]) -> list[tuple[float, float, int]]:
     """Intervals in which W changes its sign, and the mode without whose pole it does."""
     omega, W, mode = samples.T
     positive = W > 0.0
@@ -127,21 +172,21 @@ def _brackets(samples: Array, system: tuple[Array, Array, Array]) -> list[tuple[
     least &= (positive[1:-1] == positive[:-2]) & (positive[1:-1] == positive[2:])
     for k in np.flatnonzero(least) + 1:
         low, high, n, sign = float(omega[k - 1]), float(omega[k + 1]), int(mode[k]), 1.0 if positive[k] else -1.0
-        middle = float(fminbound(_crossing, low, high, (n, *system, sign), xtol=1e-10 * high))
-        if _crossing(middle, n, *system, sign) < 0.0:
+        middle = float(fminbound(crossing_function, low, high, (n, *system, sign), xtol=1e-10 * high))
+        if crossing_function(middle, n, *system, sign) < 0.0:
             found += [(low, middle, n), (middle, high, n)]
     return found
 
 
-def _agree(problem: SlidingProblem, crossings: Array, mu_max: float) -> bool:
+def agree(roots_at: Callable[[float], Complex], crossings: Array, least: float, most: float) -> bool:
     """Whether crossings explain the number of growing exponents between any two of them."""
-    ends = np.concatenate([[0.0], crossings[:, 0], [mu_max]])
+    ends = np.concatenate([[least], crossings[:, 0], [most]])
     expected = np.concatenate([[0.0], np.cumsum(crossings[:, 2])])
     first = None
     for low, high, number in zip(ends[:-1], ends[1:], expected, strict=True):
         if high - low <= 1e-9 * high:
             continue
-        roots = damped_roots(problem, float(0.5 * (low + high)))
+        roots = roots_at(float(0.5 * (low + high)))
         inside = (roots.real > 0.0) & (np.abs(roots) <= 2.0 * BAND) & (roots.imag <= BAND)
         growing = np.sum(np.where(roots.imag > 0.0, 2.0, 1.0)[inside])
         first = growing - number if first is None else first

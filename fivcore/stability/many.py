@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from fivcore import checks
 from fivcore.beams.similar import lower_deflections, unit_cantilever, upper_modes
 from fivcore.errors import InputError, UnsolvedError
+from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array, ReadOnlyArrays, kernel
 from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS, Rig, Structural, checked_theta
-from fivcore.stability.by_mode import damped_by_mode
-from fivcore.stability.by_mode_onsets import damped_crossings
+from fivcore.stability import falling
+from fivcore.stability.falling import checked_sliding
 from fivcore.stability.onsets import (
     ARC,
     MOST_INTERVALS,
@@ -35,7 +36,6 @@ from fivcore.stability.onsets import (
     onset_function,
     onset_root,
 )
-from fivcore.stability.secular import contact_terms
 from fivcore.structure import Structure, structure_of
 
 FAR, NODES = 25.0, 12
@@ -116,16 +116,29 @@ class ManyFlutterOnsets(ReadOnlyArrays):
         return growing > 0.0
 
 
-def flutter_onsets(rig: Structural, theta: float, fmax: float = 10e3, mu_max: float = 1.0) -> FlutterOnsets:
+def flutter_onsets(
+    rig: Structural,
+    theta: float,
+    fmax: float = 10e3,
+    mu_max: float = 1.0,
+    *,
+    friction: Friction = COULOMB,
+    V: float | None = None,
+    F: float | None = None,
+) -> FlutterOnsets:
     """All flutter onsets and recoveries of steady sliding (V > 0) in a band, refined to rounding.
 
-    Two onsets less than 1e-13 of the band apart are not reported.
+    Two onsets less than 1e-13 of the band apart are not reported. Those along V or F: `sliding_onsets`.
 
     Parameters
     ----------
     rig : Rig or Structure
     theta, fmax, mu_max : float
         Degrees, 0 with a structure; band, Hz; largest friction of interest.
+    friction : Friction
+        How friction depends on the speed; all mu are static coefficients.
+    V, F : float, optional
+        Speed, m/s, and load, N; needed where friction falls with the speed.
 
     Returns
     -------
@@ -137,43 +150,27 @@ def flutter_onsets(rig: Structural, theta: float, fmax: float = 10e3, mu_max: fl
         For an argument out of range; if the onsets cannot be isolated.
     """
     angle = checked_theta("rig", rig, theta)
-    if not isinstance(rig, Rig):
-        return _own_onsets(structure_of(rig, angle), fmax, mu_max)
+    speed, load = checked_sliding(friction, V, F)
+    if not isinstance(rig, Rig) or friction.kinetic_ratio != 1.0:
+        for name, value in (("V", speed), ("F", load)):
+            if value is not None and value.ndim:
+                raise InputError(f"{name} of shape {value.shape}: it must be one number")
+        values = {"mu": 0.0, "V": float(speed or 0.0), "F": float(load or 0.0)}
+        return _own_onsets(structure_of(rig, angle), fmax, mu_max, friction, values)
     found = flutter_onsets_many({"theta": angle}, fmax, mu_max, rig)
     return FlutterOnsets(*(getattr(found, each.name)[0].copy() for each in fields(FlutterOnsets)))
 
 
-def _own_onsets(own: Structure, fmax: float, mu_max: float) -> FlutterOnsets:
+def _own_onsets(
+    own: Structure, fmax: float, mu_max: float, friction: Friction, values: dict[str, float]
+) -> FlutterOnsets:
     """`flutter_onsets` of a structure."""
     band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
-    search = damped_crossings if damped_by_mode(own, band) else _proportional_crossings
-    mu, place, change = search(own, band, most).T
+    mu, place, change = falling.crossings(own, band, friction, values, "mu", 0.0, most).T
     on_axis, up = place <= 1.0, change > 0.0
     onset, recovery = on_axis & (change == 2.0), on_axis & (change == -2.0)
     entry = mu[~on_axis & (place <= TOP) & up].copy()
     return FlutterOnsets(mu[onset], band * place[onset], mu[recovery], band * place[recovery], entry)
-
-
-def _proportional_crossings(own: Structure, fmax: float, mu_max: float) -> Array:
-    """`damped_crossings` with Rayleigh damping, but those of real exponents."""
-    unit = 2.0 * np.pi * fmax
-    p, (a, b) = contact_terms(own, unit**2)
-    felt = a > 1e-30 * a[: len(own.frequency)].max()
-    p, a, b, d1, d2 = p[felt], a[felt], b[felt], own.d1 / unit, own.d2 * unit
-    found, brackets = [], np.empty((MOST_INTERVALS, 3))
-    number, judged = isolate(p, a, b, d1, d2, mu_max, brackets) if np.any(b) else (0, 0)
-    if judged == MOST_INTERVALS:
-        raise UnsolvedError(
-            f"flutter onsets: no friction up to mu_max = {mu_max:g} can be told apart below fmax = {fmax:g} Hz;"
-            " choose a smaller band"
-        )
-    for low, high, pole in brackets[:number].tolist():
-        system = int(pole), p, a, b, d1, d2
-        omega = onset_root(low, high, *system)
-        mu = onset_friction(omega, *system)
-        if omega <= ARC and 0.0 < mu <= mu_max:
-            found.append((mu, omega, 2.0 if onset_function(high, *system) > 0.0 else -2.0))
-    return np.array(sorted(found)).reshape(-1, 3)
 
 
 def flutter_onsets_many(

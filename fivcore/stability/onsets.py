@@ -18,8 +18,10 @@ from __future__ import annotations
 import numpy as np
 
 from fivcore.beams.modes import EPS
+from fivcore.errors import UnsolvedError
 from fivcore.jit import Array, kernel
-from fivcore.stability.secular import nearest_pole
+from fivcore.stability.secular import contact_terms, nearest_pole
+from fivcore.structure import Structure
 
 # A search that needs more intervals than this has met a W that vanishes altogether; hundreds are usual.
 MOST_INTERVALS = 100_000
@@ -173,3 +175,25 @@ def onset_root(low: float, high: float, n: int, p: Array, a: Array, b: Array, d1
             share = f0 / (f1 - f0) * f2 / (f1 - f2) + (x2 - x0) / (x1 - x0) * f0 / (f2 - f0) * f1 / (f2 - f1)
         share = min(1.0 - least, max(least, share))
     return best
+
+
+def proportional_crossings(own: Structure, fmax: float, mu_max: float) -> Array:
+    """`damped_crossings` with Rayleigh damping, but those of real exponents."""
+    unit = 2.0 * np.pi * fmax
+    p, (a, b) = contact_terms(own, unit**2)
+    felt = a > 1e-30 * a[: len(own.frequency)].max()
+    p, a, b, d1, d2 = p[felt], a[felt], b[felt], own.d1 / unit, own.d2 * unit
+    found, brackets = [], np.empty((MOST_INTERVALS, 3))
+    number, judged = isolate(p, a, b, d1, d2, mu_max, brackets) if np.any(b) else (0, 0)
+    if judged == MOST_INTERVALS:
+        raise UnsolvedError(
+            f"flutter onsets: no friction up to mu_max = {mu_max:g} can be told apart below fmax = {fmax:g} Hz;"
+            " choose a smaller band"
+        )
+    for low, high, pole in brackets[:number].tolist():
+        system = int(pole), p, a, b, d1, d2
+        omega = onset_root(low, high, *system)
+        mu = onset_friction(omega, *system)
+        if omega <= ARC and 0.0 < mu <= mu_max:
+            found.append((mu, omega, 2.0 if onset_function(high, *system) > 0.0 else -2.0))
+    return np.array(sorted(found)).reshape(-1, 3)

@@ -7,7 +7,8 @@ the band enter as a power series, exact to rounding. The Ehrlich-Aberth iteratio
 finds all roots together (Aberth, Math. Comp. 27, 1973, 339-344). The argument principle counts them independently.
 
 With damping by mode (`fivcore.stability.by_mode`) p - lambda becomes p + c phi + phi^2, and the same kernels find
-the exponents phi: where p is (2, n) its rows are p and c.
+the exponents phi: where p is (2, n) its rows are p and c. Friction that falls with the speed
+(`fivcore.stability.falling`) makes f bilinear, r - phi (a c - b^2), each of the four such a sum: c is then (4, n).
 """
 
 from __future__ import annotations
@@ -99,6 +100,11 @@ def contact_terms(own: Structure, unit: float) -> tuple[Array, Array]:
 def sliding_roots(problem: SlidingProblem, mu: float) -> Complex:
     """All roots within RADIUS, and perhaps others; an ArithmeticError if the count says that one is missing."""
     c, tail = (each[0] + mu * each[1] for each in (problem.residues, problem.tail))
+    return all_roots(problem, c, tail, mu)
+
+
+def all_roots(problem: SlidingProblem, c: Array, tail: Array, mu: float) -> Complex:
+    """`sliding_roots` of given residues and tail; `mu` is named in the message."""
     roots, more = problem.guesses.copy(), 0
     for _ in range(6):
         missing = find_roots(roots, problem.poles, c, tail)
@@ -124,9 +130,25 @@ def nearest_pole(x: float, p: Array) -> int:
 
 
 @kernel
+def falling_value(z: complex, p: Array, c: Array, tail: Array) -> complex:
+    """`value` with friction that falls."""
+    sums = np.zeros(4, dtype=np.complex128)
+    for k in range(tail.shape[1] - 1, -1, -1):
+        for r in range(4):
+            sums[r] = sums[r] * z + tail[r, k]
+    for i in range(p.shape[1]):
+        inverse = 1.0 / (p[0, i] + z * (p[1, i] + z))
+        for r in range(4):
+            sums[r] += c[r, i] * inverse
+    return sums[0] - z * (sums[1] * sums[3] - sums[2] * sums[2])
+
+
+@kernel
 def value(z: complex, p: Array, c: Array, tail: Array) -> complex:
     """f(z); c = a + mu b, the same for the tail."""
     total = 0j
+    if c.ndim == 2:
+        return falling_value(z, p, c, tail)
     for k in range(len(tail) - 1, -1, -1):
         total = total * z + tail[k]
     if p.ndim == 2:
@@ -194,6 +216,48 @@ def damped_step(z: complex, p: Array, c: Array, tail: Array) -> tuple[complex, b
 
 
 @kernel
+def falling_step(z: complex, p: Array, c: Array, tail: Array) -> tuple[complex, bool]:
+    """`damped_step` with friction that falls; a c = b^2 for each mode, so that f has no double poles."""
+    nearest, least = 0, np.inf
+    # Each sum, its derivative, and the size of its terms.
+    sums, slopes, sizes = np.zeros(4, dtype=np.complex128), np.zeros(4, dtype=np.complex128), np.zeros(4)
+    for k in range(tail.shape[1] - 1, -1, -1):
+        for r in range(4):
+            slopes[r] = slopes[r] * z + sums[r]
+            sums[r] = sums[r] * z + tail[r, k]
+    for r in range(4):
+        sizes[r] = abs(sums[r].real) + abs(sums[r].imag)
+    for i in range(p.shape[1]):
+        distance = abs(p[0, i] + z * (p[1, i] + z))
+        if distance < least:
+            nearest, least = i, distance
+    others = 0j
+    for i in range(p.shape[1]):
+        if i != nearest:
+            inverse = 1.0 / (p[0, i] + z * (p[1, i] + z))
+            fall = (p[1, i] + 2.0 * z) * inverse
+            others += fall
+            for r in range(4):
+                term = c[r, i] * inverse
+                sums[r] += term
+                slopes[r] -= term * fall
+                sizes[r] += abs(term.real) + abs(term.imag)
+    gap, rise = p[0, nearest] + z * (p[1, nearest] + z), p[1, nearest] + 2.0 * z
+    own, a, b, t = c[0, nearest], c[1, nearest], c[2, nearest], c[3, nearest]
+    product = sums[1] * sums[3] - sums[2] * sums[2]
+    mixed = a * sums[3] + t * sums[1] - 2.0 * b * sums[2] + gap * product
+    change = a * slopes[3] + t * slopes[1] - 2.0 * b * slopes[2] + rise * product
+    change += gap * (slopes[1] * sums[3] + sums[1] * slopes[3] - 2.0 * sums[2] * slopes[2])
+    reduced = own + gap * sums[0] - z * mixed
+    parts = p[0, nearest] + abs(z) * (p[1, nearest] + abs(z))
+    size = a * sizes[3] + t * sizes[1] + 2.0 * abs(b) * sizes[2] + parts * abs(product)
+    size = abs(z) * (size + abs(gap) * (sizes[1] * sizes[3] + sizes[2] * sizes[2]))
+    size += abs(own) + abs(gap) * sizes[0] + parts * abs(sums[0])
+    derivative = rise * sums[0] + gap * slopes[0] - mixed - z * change + others * reduced
+    return reduced / derivative if derivative != 0.0 else 0j, abs(reduced) <= 16.0 * EPS * size
+
+
+@kernel
 def aberth(z: Complex, p: Array, c: Array, tail: Array) -> None:
     """Move the guesses `z` (in place) to as many different roots; one that does not settle goes OUTSIDE."""
     n = len(z)
@@ -202,7 +266,9 @@ def aberth(z: Complex, p: Array, c: Array, tail: Array) -> None:
         for j in range(n):
             if last[j] < 0.0:
                 continue
-            if p.ndim == 2:
+            if c.ndim == 2:
+                step, rounding = falling_step(z[j], p, c, tail)
+            elif p.ndim == 2:
                 step, rounding = damped_step(z[j], p, c, tail)
             else:
                 step, rounding = newton_step(z[j], p, c, tail)

@@ -1,9 +1,10 @@
 """Complex eigenvalues of steady sliding: frequencies, growth rates and shapes (section 3.4 of the paper).
 
-V > 0: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and the load F not at
-all. Proportional damping maps the undamped eigenvalue lambda (`fivcore.stability.secular`) to the pair phi with
-phi^2 + (d1 + d2 lambda) phi + lambda = 0, with static modes damped alike: their compliance is that at rest times
-1 / (1 + d2 phi). Damping by mode, which leaves them undamped, has no such mapping (`fivcore.stability.by_mode`).
+V > 0: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and the load F only
+where friction falls with the speed (`fivcore.stability.falling`). Proportional damping maps the undamped
+eigenvalue lambda (`fivcore.stability.secular`) to the pair phi with phi^2 + (d1 + d2 lambda) phi + lambda = 0,
+with static modes damped alike: their compliance is that at rest times 1 / (1 + d2 phi). Damping by mode, which
+leaves them undamped, has no such mapping (`fivcore.stability.by_mode`).
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from numpy.typing import NDArray
 from fivcore import checks
 from fivcore.beams.modes import EPS, contact_modes, rig_bases
 from fivcore.errors import InputError
+from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array, Complex, ReadOnlyArrays
 from fivcore.rig import Rig, Structural, checked_theta
 from fivcore.stability.by_mode import damped_by_mode, damped_problem, damped_roots
+from fivcore.stability.falling import checked_sliding, falling_point, modal_shape
 from fivcore.stability.secular import MOST_REPORTED, damp, sliding_problem, sliding_roots
 from fivcore.structure import Structure, structure_of
 
@@ -34,15 +37,19 @@ class SlidingModes(ReadOnlyArrays):
         Im(phi) / 2 pi, Hz, zero for a mode that does not oscillate; Re(phi), 1/s, above zero for a mode that grows
         (the paper's eta with its sign turned). The leading dimensions are those of theta and mu broadcast.
     eigenvalue : ndarray, (..., modes)
-        The undamped eigenvalue lambda, rad2/s2; with damping by mode, where there is none, -phi^2.
+        The undamped eigenvalue lambda, rad2/s2; where there is none, with damping by mode or friction that falls
+        with the speed, -phi^2.
     uncoupled : ndarray of bool, (..., modes)
         Whether the mode has a node at the contact, so that friction does not change it.
     theta, mu : ndarray, (...)
-        Degrees and 1.
+        Degrees and 1; mu is the static coefficient.
     fmax : float
         The band, Hz: modes above it are not listed, nor those with |phi| above twice its angular frequency. Above
         20 kHz the undamped beams have growing pairs that depend on mesh and basis.
     rig : Rig or Structure
+    friction : Friction
+    V, F : ndarray, (...), or None
+        Speed, m/s, and load, N, as they were given.
     """
 
     frequency: Array
@@ -53,6 +60,9 @@ class SlidingModes(ReadOnlyArrays):
     mu: Array
     fmax: float
     rig: Structural
+    friction: Friction = COULOMB
+    V: Array | None = None
+    F: Array | None = None
 
     @property
     def unstable(self) -> NDArray[np.bool_]:
@@ -71,11 +81,14 @@ class SlidingModes(ReadOnlyArrays):
         nodes = self.rig.p1.elements + self.rig.p2.elements + 2
         shapes = np.full((*self.frequency.shape, nodes, 3), complex(np.nan, np.nan))
         for index in zip(*np.nonzero(np.isfinite(self.frequency)), strict=True):
-            theta, mu = float(self.theta[index[:-1]]), self.mu[index[:-1]]
+            theta, mu = float(self.theta[index[:-1]]), self.friction.kinetic_ratio * self.mu[index[:-1]]
             upper, lower = rig_bases(self.rig, theta)
             stiffness, normal, tangential = contact_modes(self.rig, theta)
             force, distance = normal + mu * tangential, stiffness - self.eigenvalue[index]
-            if self.uncoupled[index]:
+            if not self.friction.constant:
+                phi = complex(self.growth_rate[index], 2.0 * np.pi * self.frequency[index])
+                q = modal_shape(structure_of(self.rig, theta), phi, bool(self.uncoupled[index]))
+            elif self.uncoupled[index]:
                 # One mode alone, or of two with one frequency the combination that leaves the gap closed.
                 i, j = np.flatnonzero(np.abs(distance) <= 8.0 * EPS * stiffness)[[0, -1]]
                 q = np.zeros_like(distance)
@@ -95,9 +108,11 @@ class SlidingModes(ReadOnlyArrays):
         shapes = np.full((*self.frequency.shape, len(own.frequency)), complex(np.nan, np.nan))
         for index in zip(*np.nonzero(np.isfinite(self.frequency)), strict=True):
             phi = complex(self.growth_rate[index], 2.0 * np.pi * self.frequency[index])
-            force = own.normal + self.mu[index[:-1]] * own.tangential
+            force = own.normal + self.friction.kinetic_ratio * self.mu[index[:-1]] * own.tangential
             distance = own.stiffness + phi * (own.damping + phi)
-            if self.uncoupled[index]:
+            if not self.friction.constant:
+                q = modal_shape(own, phi, bool(self.uncoupled[index]))
+            elif self.uncoupled[index]:
                 i, j = np.flatnonzero(np.abs(distance) <= 64.0 * EPS * own.stiffness)[[0, -1]]
                 q = np.zeros_like(distance)
                 q[[i, j]] = (1.0, 1.0) if i == j else (own.normal[j], -own.normal[i])
@@ -110,20 +125,34 @@ class SlidingModes(ReadOnlyArrays):
         return shapes
 
 
-def sliding_modes(rig: Structural, theta: Any, mu: Any, fmax: float = 10e3) -> SlidingModes:
+def sliding_modes(
+    rig: Structural,
+    theta: Any,
+    mu: Any,
+    fmax: float = 10e3,
+    *,
+    friction: Friction = COULOMB,
+    V: Any = None,
+    F: Any = None,
+) -> SlidingModes:
     """Complex modes of the steady sliding state for V > 0 (equations (10) to (12) of the paper).
 
     Eigenvalues are those of the finite-element model with all its modes, without truncation. With damping by mode
-    every real one is listed, else of the two real ones that an undamped eigenvalue has the larger.
+    or friction that falls with the speed every real one is listed, else of the two real ones that an undamped
+    eigenvalue has the larger.
 
     Parameters
     ----------
     rig : Rig or Structure
         With a structure theta is 0.
     theta, mu : float or array_like
-        Degrees; coefficient of friction, broadcast against each other.
+        Degrees; coefficient of friction, the static one, broadcast against each other.
     fmax : float
         Band, Hz.
+    friction : Friction
+        How friction depends on the speed; with a jump at rest, decay_speed = 0, the kinetic coefficient acts.
+    V, F : float or array_like, optional
+        Speed above 0, m/s, and load, N, broadcast likewise; needed where friction falls with the speed.
 
     Returns
     -------
@@ -142,16 +171,31 @@ def sliding_modes(rig: Structural, theta: Any, mu: Any, fmax: float = 10e3) -> S
         angles, frictions = np.broadcast_arrays(angles, frictions)
     except ValueError:
         raise InputError(f"mu of shape {frictions.shape}: it must broadcast with theta, {angles.shape}") from None
-    angles, frictions = angles.copy(), frictions.copy()
+    V, F = checked_sliding(friction, V, F)
+    try:
+        shape = np.broadcast_shapes(angles.shape, *(each.shape for each in (V, F) if each is not None))
+    except ValueError:
+        shapes = f"{np.shape(V)} and {np.shape(F)}"
+        raise InputError(f"V and F of shapes {shapes}: they must broadcast with {angles.shape}") from None
+    angles, frictions = (np.broadcast_to(each, shape).copy() for each in (angles, frictions))
+    V, F = (None if each is None else np.broadcast_to(each, shape).copy() for each in (V, F))
     own = structure_of(rig, 0.0)
-    by_mode = damped_by_mode(own, band)
-    problems = {
-        angle: damped_problem(own, band) if by_mode else sliding_problem(rig, angle, band)
-        for angle in np.unique(angles).tolist()
-    }
-    find = damped_roots if by_mode else sliding_roots
+    by_mode = damped_by_mode(own, band) or not friction.constant
     points = list(zip(angles.ravel().tolist(), frictions.ravel().tolist(), strict=True))
-    solved = [(problems[angle], find(problems[angle], friction)) for angle, friction in points]
+    if friction.constant:
+        problems = {
+            angle: damped_problem(own, band) if by_mode else sliding_problem(rig, angle, band)
+            for angle in np.unique(angles).tolist()
+        }
+        find, kappa = damped_roots if by_mode else sliding_roots, friction.kinetic_ratio
+        solved = [(problems[angle], find(problems[angle], kappa * each)) for angle, each in points]
+    else:
+        structures = {angle: structure_of(rig, angle) for angle in np.unique(angles).tolist()}
+        further = np.stack([V, F], axis=-1).reshape(-1, 2).tolist()
+        solved = [
+            falling_point(structures[angle], band, friction, each, speed, load)
+            for (angle, each), (speed, load) in zip(points, further, strict=True)
+        ]
     places = max((len(roots) + len(problem.uncoupled) for problem, roots in solved), default=0)
     values = np.full((len(solved), places), complex(np.nan, np.nan))
     uncoupled = np.zeros(values.shape, dtype=bool)
@@ -176,7 +220,9 @@ def sliding_modes(rig: Structural, theta: Any, mu: Any, fmax: float = 10e3) -> S
         np.take_along_axis(each, order, axis=1).reshape(*angles.shape, order.shape[1])
         for each in (phi, values, uncoupled)
     )
-    return SlidingModes(phi.imag / (2.0 * np.pi), phi.real.copy(), values, uncoupled, angles, frictions, band, rig)
+    return SlidingModes(
+        phi.imag / (2.0 * np.pi), phi.real.copy(), values, uncoupled, angles, frictions, band, rig, friction, V, F
+    )
 
 
 def node_positions(rig: Rig, theta: float) -> Array:
