@@ -9,10 +9,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import Rig, Scene, Structure, flutter_onsets, sliding_modes, unstable_windows
+from fivcore import Friction, Rig, Scene, Structure, flutter_onsets, sliding_modes, unstable_windows
 from studies import summary
 from studies.labels import number
 from studies.motion.run import BAND
+from studies.motion.scenes import friction_of
+from studies.parameters import FRICTION, SLIDING
 from sweeps import Variable
 
 Array = NDArray[Any]
@@ -39,15 +41,36 @@ INTERVALS = {
 MIRRORED = {"from": "to", "to": "from"}
 
 
-def largest_growth(rig: Any, theta: Any, mu: Any, fmax: float = BAND) -> tuple[Array, Array, Array]:
+def largest_growth(
+    rig: Any, theta: Any, mu: Any, fmax: float = BAND, **sliding: Any
+) -> tuple[Array, Array, Array]:
     """Growth rate and frequency of the least stable mode, and the number of unstable modes, with V > 0.
 
-    `rig` is a Rig, or a Structure, which has no theta. theta and mu broadcast; only modes below `fmax` count. 1/s
-    and Hz, NaN where the band has no mode; a pair of which one mode grows and one decays counts once.
+    `rig` is a Rig, or a Structure, which has no theta. theta, mu and `sliding`, which are `parameters.SLIDING`,
+    broadcast; only modes below `fmax` count. 1/s and Hz, NaN where the band has no mode; a pair of which one mode
+    grows and one decays counts once.
     """
+    if not sliding or np.all(np.asarray(sliding["kinetic_ratio"]) == 1.0):
+        return _least_stable(rig, theta, mu, fmax)
+    columns = np.broadcast_arrays(theta, mu, *(sliding[name] for name in SLIDING))
+    theta, mu, V, F, *laws = (column.ravel() for column in columns)
+    groups: dict[Any, list[int]] = {}
+    for k, law in enumerate(zip(*(column.tolist() for column in laws), strict=True)):
+        groups.setdefault(law, []).append(k)
+    found = np.empty((3, len(mu)))
+    for law, chosen in groups.items():
+        friction = friction_of(dict(zip(FRICTION, law, strict=True)))
+        how = {"friction": friction, "V": V[chosen], "F": F[chosen]}
+        found[:, chosen] = _least_stable(rig, theta[chosen], mu[chosen], fmax, **how)
+    rate, frequency, unstable = found.reshape(3, *columns[0].shape)
+    return rate, frequency, unstable.astype(int)
+
+
+def _least_stable(rig: Any, theta: Any, mu: Any, fmax: float, **sliding: Any) -> tuple[Array, Array, Array]:
+    """`largest_growth` with one law of friction."""
     if isinstance(rig, Structure):
         mu, theta = np.broadcast_arrays(mu, theta)[0], 0.0
-    modes = sliding_modes(rig, theta, mu, fmax)
+    modes = sliding_modes(rig, theta, mu, fmax, **sliding)
     growth = np.where(np.isnan(modes.growth_rate), -np.inf, modes.growth_rate)
     if not growth.shape[-1]:
         nothing = np.full(growth.shape[:-1], np.nan)
@@ -57,20 +80,49 @@ def largest_growth(rig: Any, theta: Any, mu: Any, fmax: float = BAND) -> tuple[A
     return rate, frequency, np.count_nonzero(modes.unstable, axis=-1)
 
 
-def first_growth(rig: Any, theta: float, fmax: float, largest: float) -> tuple[float, float]:
+def first_growth(rig: Any, theta: float, fmax: float, largest: float, **sliding: Any) -> tuple[float, float]:
     """Lowest mu up to `largest` from which a pair below `fmax` is unstable, and its frequency, Hz; or NaN.
 
-    That is at a flutter onset, or at the top of the band, which an unstable pair enters.
+    That is at a flutter onset, or at the top of the band, which an unstable pair enters. `sliding` are the values
+    of `parameters.SLIDING`; by default friction does not fall.
     """
-    found = flutter_onsets(rig, theta, fmax, largest)
+    how: dict[str, Any] = {"friction": friction_of(sliding)}
+    how |= {name: sliding[name] for name in ("V", "F") if name in sliding}
+    found = flutter_onsets(rig, theta, fmax, largest, **how)
     onsets = zip(found.mu.tolist(), found.frequency.tolist(), strict=True)
     return min((*onsets, *((mu, fmax) for mu in found.entry_mu.tolist())), default=(np.nan, np.nan))
 
 
 def least_stable(scene: Scene) -> tuple[float, float]:
     """Growth rate (1/s) and frequency (Hz) of the least stable mode of steady sliding below 10 kHz."""
-    growth, frequency, _ = largest_growth(scene.rig, scene.drive_theta, scene.mu)
+    growth, frequency, _ = largest_growth(scene.rig, scene.drive_theta, scene.mu, **sliding_of(scene))
     return float(growth), float(frequency)
+
+
+def sliding_of(scene: Scene) -> dict[str, Any]:
+    """The values of `parameters.SLIDING` of a scene."""
+    return {"V": abs(scene.V), "F": scene.F, **{name: getattr(scene.friction, name) for name in FRICTION}}
+
+
+def friction_in(dataset: xr.Dataset) -> Friction:
+    """The law of friction of a result with only one."""
+    return friction_of({name: dataset[name].item() for name in FRICTION if name in dataset.coords})
+
+
+def first_onsets(dataset: xr.Dataset, rig: Any, fmax: float = BAND) -> tuple[tuple[str, ...], Array, Array]:
+    """`first_growth` up to the largest mu along theta, and along V and F if they matter: dimensions and values."""
+    law, largest = friction_in(dataset), float(dataset["mu"].max())
+    dims = tuple(name for name in ("theta", "V", "F")[: 1 if law.constant else 3] if dataset[name].ndim)
+    points = xr.broadcast(*(dataset[name].reset_coords(drop=True) for name in dims))
+    values = {name: points[k].values.ravel() for k, name in enumerate(dims)}
+    found = np.full((2, points[0].size), np.nan)
+    for k in range(points[0].size if largest > 0.0 else 0):
+        at = {name: float(values[name][k] if name in values else dataset[name]) for name in ("theta", "V", "F")}
+        sliding = {"V": abs(at["V"]), "F": at["F"], **{name: getattr(law, name) for name in FRICTION}}
+        theta = at["theta"] if law.constant or at["V"] > 0.0 else -at["theta"]
+        found[:, k] = first_growth(rig, theta, fmax, largest, **sliding)
+    onset, frequency = found.reshape(2, *points[0].shape)
+    return dims, onset, frequency
 
 
 def with_unstable_intervals(dataset: xr.Dataset, rig: Rig, mu: float, V: float = 1.0) -> xr.Dataset:
@@ -78,9 +130,11 @@ def with_unstable_intervals(dataset: xr.Dataset, rig: Rig, mu: float, V: float =
 
     Where they cannot be computed the result has none, and the `comment` of `window_from` gives the reason.
     """
-    theta, comment = dataset["theta"].values, ""
+    theta, comment, law = dataset["theta"].values, "", friction_in(dataset)
     try:
-        values = unstable_intervals(rig, mu, V, float(theta.min()), float(theta.max()))
+        if not law.constant:
+            raise ArithmeticError("friction falls with the speed")
+        values = unstable_intervals(rig, mu * law.ratio(V), V, float(theta.min()), float(theta.max()))
     except ArithmeticError as problem:
         values, comment = _none(), str(problem)
     dataset = dataset.assign(
