@@ -19,6 +19,10 @@ from sweeps import Variable
 
 Array = NDArray[Any]
 
+# Where friction falls steeply a pair becomes two exponents that do not oscillate: they are listed up to so many
+# times the size that those of a band have.
+FAR = 5.0
+
 # Variables of a scene's least stable mode.
 LEAST_STABLE = {
     "mode_growth_rate": Variable("s-1", "growth rate of the least stable mode of steady sliding below 10 kHz"),
@@ -70,14 +74,18 @@ def _least_stable(rig: Any, theta: Any, mu: Any, fmax: float, **sliding: Any) ->
     """`largest_growth` with one law of friction."""
     if isinstance(rig, Structure):
         mu, theta = np.broadcast_arrays(mu, theta)[0], 0.0
-    modes = sliding_modes(rig, theta, mu, fmax, **sliding)
-    growth = np.where(np.isnan(modes.growth_rate), -np.inf, modes.growth_rate)
+    falls = "friction" in sliding and not sliding["friction"].constant
+    modes = sliding_modes(rig, theta, mu, FAR * fmax if falls else fmax, **sliding)
+    inside = np.isfinite(modes.growth_rate) & ((modes.frequency <= fmax) | (not falls))
+    growth = np.where(inside, modes.growth_rate, -np.inf)
     if not growth.shape[-1]:
         nothing = np.full(growth.shape[:-1], np.nan)
         return nothing, nothing.copy(), np.zeros(growth.shape[:-1], dtype=int)
     top = growth.argmax(axis=-1)[..., None]
     rate, frequency = (np.take_along_axis(of, top, -1)[..., 0] for of in (modes.growth_rate, modes.frequency))
-    return rate, frequency, np.count_nonzero(modes.unstable, axis=-1)
+    empty = ~inside.any(axis=-1)
+    rate, frequency = (np.where(empty, np.nan, each) for each in (rate, frequency))
+    return rate, frequency, np.count_nonzero(modes.unstable & inside, axis=-1)
 
 
 def first_growth(rig: Any, theta: float, fmax: float, largest: float, **sliding: Any) -> tuple[float, float]:
