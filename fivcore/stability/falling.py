@@ -58,7 +58,8 @@ def falling_problem(own: Structure, fmax: float) -> SlidingProblem:
         # Of modes with one pole, two combinations move the gaps: one both, one the tangential gap alone.
         if len(group) > 1:
             size = np.hypot.reduce(n[group])
-            along = n[group] / size if size > 0.0 else np.eye(len(group))[0]
+            along = n[group] if size > 0.0 else t[group]
+            along = along / max(np.hypot.reduce(along), 1e-300)
             both = along @ t[group]
             rest = np.hypot.reduce(t[group] - both * along)
             n[group], t[group] = 0.0, 0.0
@@ -154,7 +155,7 @@ def crossings(
     mu, V, F = (values[each] for each in ("mu", "V", "F"))
     if name == "mu":
         r, s = friction.ratio(V), -friction.slope(V)
-        high = min(high, (1.0 - 1e-9) / (-f * r)) if f * r < 0.0 else high
+        high = min(high, (1.0 - 1e-6) / (-f * r)) if f * r < 0.0 else high
         m0, m1, q, power = 0.0, r, F * s, 1.0
     elif name == "V":
         # In terms of g, the share of mu (1 - kappa) that is left.
