@@ -26,7 +26,7 @@ from fivcore.transient.published import PaperRun
 from fivcore.transient.summary import summarise
 from fivcore.transient.until import Watch
 
-METHODS: dict[str, Any] = {"fast": FastRun, "exact": ExactRun, "paper": PaperRun}
+METHODS: dict[str, Any] = {"fast": FastRun, "exact": ExactRun.of, "paper": PaperRun}
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,10 @@ a gap, and with them some three digits.
 An event within DWELL of the last one (a graze, or the tip of the cone) is not acted on: the status is kept for
 DWELL and the next one decided from the state alone. The motion stays linear and its energy balance exact; where
 gap or cone were overstepped meanwhile, the decision changes u, booked as impact.
+
+Where friction jumps to a kinetic coefficient, slip is linear with that one. A contact that moves goes on moving as
+long as it can, and one that sticks slips where |T| = mu N, at once at a finite rate. Where friction falls with the
+speed, slip is that of `fivcore.transient.exact_falling`.
 """
 
 from __future__ import annotations
@@ -27,9 +31,10 @@ import numpy as np
 from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.reduced import ReducedModel, default_cutoff, modified, reduced_model
 from fivcore.errors import ContactError, DivergenceError, SceneValueError, not_unique
+from fivcore.friction import COULOMB
 from fivcore.jit import Array, Complex
 from fivcore.rig import Rig
-from fivcore.transient.exact_kernels import ONE, Q_R, SCENE, V_R, A, P, S, observe, search, waves_at
+from fivcore.transient.exact_kernels import N_, ONE, Q_R, SCENE, T_, V_R, A, P, S, observe, search, waves_at
 from fivcore.transient.normalised import Normalised, State, energies, residual_gaps
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import SEPARATION, STICK
@@ -66,7 +71,8 @@ class ExactRun(SteppedRun):
     def __init__(self, scene: Normalised, options: Options) -> None:
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
         cutoff = default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
-        if not model.K.any() and not isinstance(scene.rig, Rig):
+        self.rigid = not model.K.any() and not isinstance(scene.rig, Rig)
+        if self.rigid:
             model = penalised(model)
         self.model = model
         if not model.C.any():
@@ -74,14 +80,18 @@ class ExactRun(SteppedRun):
                 f"cutoff = {cutoff:g}: the contact has no dashpot, which method 'exact' needs; use a cutoff that"
                 " leaves out more modes of this rig, or method 'fast'"
             )
-        limit = model.painleve_mu(None)
+        # Of a contact that slips, at the lowest speed, over the static coefficient.
+        ratio = scene.friction.kinetic_ratio if scene.friction.decay_speed == 0.0 else 1.0
+        limit = model.painleve_mu(None) / ratio if ratio > 0.0 else np.inf
         if scene.mu >= limit:
             raise not_unique(scene.mu, limit)
         unit = scene.rig.time_unit
         step = STEP * unit if options.step is None else options.step
         super().__init__(scene, options, step, round(SEGMENT * unit / step), SCENE)
         self._dwell = dwell = DWELL * unit
-        self._statuses = statuses(model, scene.mu)
+        self._slipping = ratio * scene.mu
+        self.balanced = self.rigid and scene.friction != COULOMB and bool(np.linalg.cond(model.W) < 1e8)
+        self._statuses = statuses(model, scene.mu, self._slipping, self.balanced)
         if max(status.eigenvalues.real.max() for status in self._statuses) * dwell > MOST_GROWTH:
             raise ContactError(
                 f"{not_unique(scene.mu, limit)}, and so close to it slip grows by more"
@@ -104,34 +114,44 @@ class ExactRun(SteppedRun):
         self._first_energy = self._energy_of(y)
         self._decide(0.0, y, options.contact)
 
+    @classmethod
+    def of(cls, scene: Normalised, options: Options) -> ExactRun:
+        """Make the run for the scene's law of friction."""
+        from fivcore.transient.exact_falling import FallingRun
+
+        return (cls if scene.friction.constant else FallingRun)(scene, options)
+
     def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
         goal = last * self.step
         while True:
-            r, end, until = self._status, goal, last
+            end, until = goal, last
             if self._stop < goal:
                 end, until = self._stop, min(max(int(np.ceil(self._stop / self.step - 0.5)), first), last)
-            motion = (r.eigenvalues, self._amplitudes, r.outputs, self._start)
-            observe(
-                motion, min(self._which, SLIP_UP), self._origin, self._now, end, self.step, first, until,
-                self.record, samples, rows, sticks,
-            )  # fmt: skip
+            self._observe(end, first, until, samples, rows, sticks)
             first, self._now = until, end
             if self._stop >= goal:
                 return
             self._next_status()
 
+    def _observe(self, end: float, first: int, until: int, samples: Array, rows: Array, sticks: Array) -> None:
+        """Record the present status up to the time `end`, and the middles of steps from `first` up to `until`."""
+        r = self._status
+        motion = (r.eigenvalues, self._amplitudes, r.outputs, self._start)
+        observe(
+            motion, min(self._which, SLIP_UP), self._origin, self._now, end, self.step, first, until,
+            self.record, samples, rows, sticks,
+        )  # fmt: skip
+
     def _enter(self, t: float, which: int, y: Array, orders: tuple[int, int, int] = (0, 0, 0)) -> None:
         """Begin a contact status at time `t` in the full state `y` and find its end.
 
-        The forces are continuous but at touch-down, where the dashpot lets N jump. So the margin that has just
-        vanished departs from zero with its first derivative (slip rate after stick, distance to the edge of the
-        cone after slip) or its second (gap where N falls to zero, or after a touch-down without closing speed):
-        `orders`, as in `search`.
+        The forces are continuous but at touch-down, where the dashpot lets N jump, and where friction jumps. So
+        the margin that has just vanished departs from zero with its first derivative (slip rate after stick,
+        distance to the edge of the cone after slip) or its second (gap where N falls to zero, or after a
+        touch-down without closing speed): `orders`, as in `search`.
         """
         model, r, n = self.model, self._statuses[which], len(self.model.stiffness)
-        end, acceleration = self.steps * self.step, 0.0
-        if t < self._ramp:
-            end, acceleration = min(self._ramp, end), self.scene.speed_per_load / self._ramp
+        end, acceleration = self._drive(t)
         start = np.array([0.0, self._clamp_velocity(t), acceleration, 1.0, 0.0, 0.0, 0.0, 0.0])
         if which == STICK:
             start[S] = model.tangential @ y[:n] + y[-1]
@@ -170,6 +190,9 @@ class ExactRun(SteppedRun):
             self._decide(t, y, which, touchdown=event != HELD)
         elif event == 0:
             self._enter(t, SEPARATION, y, (2, 0, 0))
+        elif self._slipping < self.scene.mu:
+            # T jumps as slip begins, and is well within the cone where it ends.
+            self._decide(t, y, SLIP_UP if which == STICK else STICK)
         elif which == STICK:
             self._enter(t, SLIP_UP if event == 1 else SLIP_DOWN, y, (0, 1, 0))
         else:
@@ -177,24 +200,37 @@ class ExactRun(SteppedRun):
 
     def _decide(self, t: float, y: Array, was: int, touchdown: bool = False) -> None:
         """Enter the status that the state alone demands (`fivcore.contact.law`); at `touchdown` the gap closes."""
-        K, C, mu, n = self.model.K, self.model.C, self.scene.mu, len(self.model.stiffness)
-        g_N = self.model.normal @ y[:n]
+        g_N = self.model.normal @ y[: len(self.model.stiffness)]
         if was == SEPARATION and g_N + y[-2] > 0.0 and not touchdown:
             self._enter(t, SEPARATION, y)
             return
-        # The force that sticking needs.
-        rates = np.array([0.0, self._clamp_velocity(t)]) - self.model.shapes @ y[n : 2 * n]
-        N, T = K @ np.array([-g_N, y[-1]]) + C @ rates + [1.0, 0.0]
-        which, m = (SLIP_UP, mu) if T > 0.0 else (SLIP_DOWN, -mu)
-        # Slip changes (N, T) by C times the change of u_T', until T = m N.
-        sticks = N > 0.0 and abs(T) <= mu * N
-        if not sticks and N - C[0, 1] * ((T - m * N) / (C[1, 1] - m * C[0, 1])) <= 0.0:
+        N, T = self._sticking_force(t, y)
+        which = SLIP_UP if T > 0.0 else SLIP_DOWN
+        # A contact that moves goes on moving as long as it can.
+        sticks = N > 0.0 and abs(T) <= (self.scene.mu if was == STICK else self._slipping) * N
+        if not sticks and self._slipping_force(N, T) <= 0.0:
             self._enter(t, SEPARATION, y, (2 if was == SEPARATION else 1, 0, 0))
             return
         # Contact is entered with a u_N of its own, which is not yet that of the gap.
         energy, y[-2] = self._energy_of(y), -g_N
         self.record["impact"] += energy - self._energy_of(y)
         self._enter(t, STICK if sticks else which, y)
+
+    def _sticking_force(self, t: float, y: Array) -> Array:
+        """(N, T) of a contact that sticks in the full state `y`."""
+        (q, v), K = np.split(y[:-2], 2), self.model.K
+        rates = np.array([0.0, self._clamp_velocity(t)]) - self.model.shapes @ v
+        return np.asarray(K @ np.array([-(self.model.normal @ q), y[-1]]) + self.model.C @ rates + [1.0, 0.0])
+
+    def _slipping_force(self, N: float, T: float) -> float:
+        """N in slip, from (N, T) in stick: slip changes them by C times the change of u_T', until T = m N."""
+        C, m = self.model.C, self._slipping if T > 0.0 else -self._slipping
+        return float(N - C[0, 1] * ((T - m * N) / (C[1, 1] - m * C[0, 1])))
+
+    def _drive(self, t: float) -> tuple[float, float]:
+        """End of the ramp or of the run, whichever is ahead, and the acceleration of P2's clamp until then."""
+        end = self.steps * self.step
+        return (min(self._ramp, end), self.scene.speed_per_load / self._ramp) if t < self._ramp else (end, 0.0)
 
     def _clamp_velocity(self, t: float) -> float:
         ramp = self._ramp
@@ -241,7 +277,7 @@ def states_at(
     (m, 2n + 2); displacements are deviations from those under the load alone; normalised (F = 1).
     """
     end = float(times[-1]) + DWELL
-    run = ExactRun(scene, Options(end, "exact", ramp=ramp, cutoff=cutoff, initial=initial, step=end))
+    run = ExactRun.of(scene, Options(end, "exact", ramp=ramp, cutoff=cutoff, initial=initial, step=end))
     states = []
     for t in times:
         while run._stop <= t:
@@ -267,12 +303,17 @@ class Status(NamedTuple):
 
 @lru_cache(maxsize=32)
 @one_blas_thread()
-def statuses(model: ReducedModel, mu: float) -> tuple[Status, ...]:
-    """The motion of a model in each of the four contact statuses."""
-    return tuple(_status(model, mu, which) for which in (SEPARATION, STICK, SLIP_UP, SLIP_DOWN))
+def statuses(model: ReducedModel, mu: float, slipping: float, balanced: bool = False) -> tuple[Status, ...]:
+    """The motion of a model in each of the four contact statuses, with the coefficients of stick and of slip.
+
+    Where `balanced`, N and T are what the motion of the modes needs. From the spring of a rigid contact, a
+    displacement times PENALTY, they have an error of 1e-6.
+    """
+    coefficients = {SEPARATION: 0.0, STICK: mu, SLIP_UP: slipping, SLIP_DOWN: slipping}
+    return tuple(_status(model, mu, which, balanced) for which, mu in coefficients.items())
 
 
-def _status(model: ReducedModel, mu: float, which: int) -> Status:
+def _status(model: ReducedModel, mu: float, which: int, balanced: bool) -> Status:
     """Write the equations of a contact status as rows of factors of (x, d), and change to its eigenbasis.
 
     x is (q, v, u_N, u_T) less what follows from the rest: in contact u_N is -g_N, in stick u_T is S - g_T; in
@@ -331,4 +372,10 @@ def _status(model: ReducedModel, mu: float, which: int) -> Status:
     entry = back @ (np.eye(2 * n + 2, 2 * n + 8)[x] - np.pad(steady, ((0, 0), (2 * n + 2, 0))))
     rows = (np.vstack([q, v, u]), np.stack(margins), outputs)
     state, watched, seen = (row @ change for row in rows)
+    if balanced and which != SEPARATION:
+        (displaced, moving), m = np.split(state[:-2], 2), len(eigenvalues)
+        needed = np.hstack([moving[:, :m] * eigenvalues, moving[:, m:] @ D]) + c[:, None] * moving
+        needed += k[:, None] * displaced - np.outer(model.inertia, d[A]) @ change
+        N, T = seen[N_ : T_ + 1] = np.linalg.solve(model.W, model.shapes @ needed) + load @ change
+        watched[: 1 if which != STICK else 3] = [N, mu * N - T, mu * N + T][: 1 if which != STICK else 3]
     return Status(eigenvalues, entry, state, watched, np.stack([seen.real.T, seen.imag.T]))

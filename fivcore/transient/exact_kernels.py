@@ -137,6 +137,41 @@ def _read(motion: Any, s: float, w: Any, out: Any) -> None:
             out[j] += real[j] * x - imaginary[j] * y
 
 
+@inlined
+def arrive(scene: Any, contact: int, origin: float, sticks: Any) -> None:
+    """Count a change of the contact state; the first slip begins the statistics anew."""
+    was, scene.contact = scene.contact, contact
+    if contact != was:
+        if enter(scene, was, contact, origin):
+            sticks[scene.sticks - 1] = (scene.last_stick, origin)
+        if origin < scene.settled_from:
+            clear(scene)
+
+
+@inlined
+def wanted(scene: Any, i: int, step: float) -> bool:
+    """Whether anything is read in the middle of step i."""
+    written = scene.row_every > 0 and i % scene.row_every == 0
+    return (i + 0.5) * step >= scene.settled_from or i % scene.sample_every == 0 or written
+
+
+@inlined
+def write(scene: Any, contact: int, i: int, step: float, signals: Any, samples: Any, rows: Any) -> None:
+    """Add velocity of B, N, T and slip rate in the middle of step i to statistics and series."""
+    velocity, N, T, speed = signals
+    t = (i + 0.5) * step
+    if t >= scene.settled_from:
+        count_step(scene, contact, N, abs(speed), step)
+    if i % scene.sample_every == 0:
+        samples[scene.samples] = (
+            velocity, speed, N, scene.stick_time, scene.separation_time, scene.sum_N, scene.switches
+        )  # fmt: skip
+        scene.samples += 1
+    if scene.row_every > 0 and i % scene.row_every == 0:
+        rows[scene.rows] = (t, velocity, N, T, speed, float(contact))
+        scene.rows += 1
+
+
 @kernel
 def observe(
     motion: Any, contact: int, origin: float, now: float, end: float, step: float, first: int, last: int,
@@ -145,7 +180,7 @@ def observe(
     """Add what a status contributes between the times `now` and `end`, s, to the record `scenes` (1,).
 
     `motion` holds eigenvalues (m,), amplitudes (m + 6,), `Status.outputs` and `start`; the status with its contact
-    state was entered at the time `origin`. The first slip begins the statistics anew. Statistics and series are
+    state was entered at the time `origin`. Statistics and series are
     read in the middle of the steps from `first` up to `last`: a row of `samples` is velocity of B, slip rate and
     N; one of `rows` is time, velocity of B, N, T, slip rate and contact state.
 
@@ -155,30 +190,11 @@ def observe(
     """
     eigenvalues, amplitudes, outputs, start = motion
     scene, w, out = scenes[0], np.empty_like(amplitudes), np.empty(outputs.shape[2])
-    was, scene.contact = scene.contact, contact
-    if contact != was:
-        if enter(scene, was, contact, origin):
-            sticks[scene.sticks - 1] = (scene.last_stick, origin)
-        if origin < scene.settled_from:
-            clear(scene)
+    arrive(scene, contact, origin, sticks)
     for i in range(first, last):
-        t = (i + 0.5) * step
-        settled, sampled = t >= scene.settled_from, i % scene.sample_every == 0
-        written = scene.row_every > 0 and i % scene.row_every == 0
-        if not (settled or sampled or written):
-            continue
-        _read(motion, t - origin, w, out[:SIGNALS])
-        N, T, speed, velocity = out[N_], out[T_], out[SPEED], out[V_B]
-        if settled:
-            count_step(scene, contact, N, abs(speed), step)
-        if sampled:
-            samples[scene.samples] = (
-                velocity, speed, N, scene.stick_time, scene.separation_time, scene.sum_N, scene.switches
-            )  # fmt: skip
-            scene.samples += 1
-        if written:
-            rows[scene.rows] = (t, velocity, N, T, speed, float(contact))
-            scene.rows += 1
+        if wanted(scene, i, step):
+            _read(motion, (i + 0.5) * step - origin, w, out[:SIGNALS])
+            write(scene, contact, i, step, (out[V_B], out[N_], out[T_], out[SPEED]), samples, rows)
     finest, longest = 0.25 / np.abs(eigenvalues).max(), 2.5 / np.abs(eigenvalues.imag).max()
     s, end = now - origin, end - origin
     while s < end:
