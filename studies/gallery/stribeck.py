@@ -31,8 +31,8 @@ OUTPUTS = {
     "growth_frequency": ("Hz", "frequency of the least stable mode below 10 kHz; 0: it does not oscillate"),
 } | {name: replace(variable, dtype="float32") if name != "regime" else variable
      for name, variable in ensemble.outputs().items() if name in MOTION}  # fmt: skip
-# Of so many kinetic ratios the growth rate is drawn.
-COLOURS = (figures.BLACK, figures.BLUE, figures.ORANGE, figures.RED)
+# Of the kinetic ratios of which the growth rate is drawn.
+COLOURS = (figures.GREY, figures.BLUE, figures.ORANGE, figures.RED)
 # The mildest growth that a logarithmic scale shows, 1/s, and the look of where steady sliding is stable.
 FAINTEST, STABLE = 10.0, "#ececec"
 
@@ -75,9 +75,9 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     )
     counts = [int(each.sum()) for each in (unstable, without, falling, vibrates, vibrates & ~without)]
     yield (
-        f"Steady sliding is unstable at {counts[0]} of {kinds.size} points, and would be at {counts[1]} if friction "
-        f"kept the coefficient that it has at V; the fall has more than half of the growth rate at {counts[2]}. "
-        f"The rig vibrates at {counts[3]}, of which constant friction would leave {counts[4]} stable."
+        f"Steady sliding is unstable at {counts[0]} of {kinds.size} points, and would be at {counts[1]} if"
+        f" friction kept the coefficient that it has at V; the fall has over half of the growth at {counts[2]}."
+        f" The rig vibrates at {counts[3]}; at {counts[4]} of these it would slide steadily without the fall."
     )
     rows = []
     for ratio in dataset["kinetic_ratio"].values:
@@ -85,7 +85,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         codes, growth = kinds.sel(at), dataset["growth_rate"].sel(at)
         texts = [f"{regimes.KINDS[code]} {_range(dataset, codes == code)}" for code in np.unique(codes)]
         rows.append((ratio, float(growth.max()), _range(dataset, falling.sel(at)), ", ".join(texts)))
-    heads = ["kinetic ratio", "largest growth 1/s", "more than half by the fall", "motion"]
+    heads = ["kinetic ratio", "largest growth 1/s", "the fall has over half", "motion"]
     yield "By kinetic ratio; ranges are speeds in mm/s", pd.DataFrame(rows, columns=heads)
 
 
@@ -116,16 +116,16 @@ def draw(dataset: xr.Dataset) -> Figure:
         largest = max(float(grows.max()), 10.0 * FAINTEST)
         mesh = planes.cells(top, grows, "V", "kinetic_ratio", norm=LogNorm(FAINTEST, largest))
         figure.colorbar(mesh, ax=top, pad=0.02, label="growth rate / (1/s)")
-    handles = [top.fill_between([], [], color=STABLE, edgecolor="black", label="stable")]
+    handles: list[Any] = [top.fill_between([], [], color=STABLE, edgecolor="black", label="stable")]
     ends = [planes.edges(labels.readable(dataset[name]).values) for name in ("V", "kinetic_ratio")]
     inside = mostly_falling(dataset).transpose("kinetic_ratio", "V")
     for axes in (top, middle) if 0.0 < float(inside.mean()) < 1.0 else ():
         # Twice the values at both ends of each cell: the contour follows the sides of the cells.
         sides = [np.repeat(end, 2)[1:-1] for end in ends]
         axes.contour(*sides, np.kron(inside, np.ones((2, 2))), levels=[0.5], colors="white", linewidths=3.0)
-        axes.contour(*sides, np.kron(inside, np.ones((2, 2))), levels=[0.5], colors=figures.RED, linewidths=1.5)
+        axes.contour(*sides, np.kron(inside, np.ones((2, 2))), levels=[0.5], colors="black", linewidths=1.5)
     planes.regimes(middle, kinds, "V", "kinetic_ratio")
-    handles += below.plot([], [], color=figures.RED, linewidth=1.5, label="more than half by the fall")
+    handles += below.plot([], [], color="black", linewidth=1.5, label="below: the fall has over half")
     handles += planes.patches(kinds)
     chosen = planes.subset(dataset.sizes["kinetic_ratio"], len(COLOURS))[::-1]
     speeds = labels.readable(dataset["V"]).values
@@ -134,17 +134,19 @@ def draw(dataset: xr.Dataset) -> Figure:
         text = labels.named("kinetic_ratio", at["kinetic_ratio"])
         handles += below.plot(speeds, at["growth_rate"], color=colour, label=text)
         below.plot(speeds, at["growth_coupled"], color=colour, linestyle=":")
-    handles += below.plot([], [], color=figures.GREY, linestyle=":", label="share of coupled modes")
+    handles += below.plot([], [], color="black", linestyle=":", label="share of coupled modes")
     below.axhline(0.0, color=figures.GREY, linewidth=0.8)
+    least = min(float(dataset[name].min()) for name in ("growth_rate", "growth_coupled"))
     below.set_yscale("symlog", linthresh=100.0)
+    below.set_ylim(bottom=min(3.0 * least, -10.0))
     below.set_ylabel("growth rate / (1/s)")
     planes.set_side(below, "x", dataset["V"])
     figures.letter(panels, ("growth rate of the least stable mode", "regime", "growth rate and its share"))
     for axes in panels:
         axes.label_outer()
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
-    where = [labels.named(name, dataset[name]) for name in ("theta", "mu", "F", "decay_speed", "decay")]
-    figure.suptitle(figures.fitted(f"Friction that falls with the speed: {', '.join(where)}", 16.0))
+    where = ", ".join(labels.named(name, dataset[name]) for name in ("theta", "mu", "F", "decay_speed", "decay"))
+    figure.suptitle(figures.fitted(f"Friction that falls with the speed: {where}", 16.0))
     return figure
 
 
