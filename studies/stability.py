@@ -45,37 +45,17 @@ INTERVALS = {
 MIRRORED = {"from": "to", "to": "from"}
 
 
-def largest_growth(
-    rig: Any, theta: Any, mu: Any, fmax: float = BAND, **sliding: Any
-) -> tuple[Array, Array, Array]:
+def largest_growth(rig: Any, theta: Any, mu: Any, fmax: float = BAND, **law: Any) -> tuple[Array, Array, Array]:
     """Growth rate and frequency of the least stable mode, and the number of unstable modes, with V > 0.
 
-    `rig` is a Rig, or a Structure, which has no theta. theta, mu and `sliding`, which are `parameters.SLIDING`,
-    broadcast; only modes below `fmax` count. 1/s and Hz, NaN where the band has no mode; a pair of which one mode
-    grows and one decays counts once.
+    `rig` is a Rig, or a Structure, which has no theta. theta, mu and `law` (`sliding_of`) broadcast; only modes
+    below `fmax` count. 1/s and Hz, NaN where the band has no mode; a pair of which one mode grows and one decays
+    counts once.
     """
-    if not sliding or np.all(np.asarray(sliding["kinetic_ratio"]) == 1.0):
-        return _least_stable(rig, theta, mu, fmax)
-    columns = np.broadcast_arrays(theta, mu, *(sliding[name] for name in SLIDING))
-    theta, mu, V, F, *laws = (column.ravel() for column in columns)
-    groups: dict[Any, list[int]] = {}
-    for k, law in enumerate(zip(*(column.tolist() for column in laws), strict=True)):
-        groups.setdefault(law, []).append(k)
-    found = np.empty((3, len(mu)))
-    for law, chosen in groups.items():
-        friction = friction_of(dict(zip(FRICTION, law, strict=True)))
-        how = {"friction": friction, "V": V[chosen], "F": F[chosen]}
-        found[:, chosen] = _least_stable(rig, theta[chosen], mu[chosen], fmax, **how)
-    rate, frequency, unstable = found.reshape(3, *columns[0].shape)
-    return rate, frequency, unstable.astype(int)
-
-
-def _least_stable(rig: Any, theta: Any, mu: Any, fmax: float, **sliding: Any) -> tuple[Array, Array, Array]:
-    """`largest_growth` with one law of friction."""
     if isinstance(rig, Structure):
         mu, theta = np.broadcast_arrays(mu, theta)[0], 0.0
-    falls = "friction" in sliding and not sliding["friction"].constant
-    modes = sliding_modes(rig, theta, mu, FAR * fmax if falls else fmax, **sliding)
+    falls = "friction" in law and not law["friction"].constant
+    modes = sliding_modes(rig, theta, mu, FAR * fmax if falls else fmax, **law)
     inside = np.isfinite(modes.growth_rate) & ((modes.frequency <= fmax) | (not falls))
     growth = np.where(inside, modes.growth_rate, -np.inf)
     if not growth.shape[-1]:
@@ -83,20 +63,32 @@ def _least_stable(rig: Any, theta: Any, mu: Any, fmax: float, **sliding: Any) ->
         return nothing, nothing.copy(), np.zeros(growth.shape[:-1], dtype=int)
     top = growth.argmax(axis=-1)[..., None]
     rate, frequency = (np.take_along_axis(of, top, -1)[..., 0] for of in (modes.growth_rate, modes.frequency))
-    empty = ~inside.any(axis=-1)
-    rate, frequency = (np.where(empty, np.nan, each) for each in (rate, frequency))
-    return rate, frequency, np.count_nonzero(modes.unstable & inside, axis=-1)
+    rate = np.where(inside.any(axis=-1), rate, np.nan)
+    return rate, np.where(np.isnan(rate), np.nan, frequency), np.count_nonzero(modes.unstable & inside, axis=-1)
 
 
-def first_growth(rig: Any, theta: float, fmax: float, largest: float, **sliding: Any) -> tuple[float, float]:
+def growths(rig: Any, theta: Any, mu: Any, **sliding: Any) -> tuple[Array, ...]:
+    """`largest_growth` of points with values of `parameters.SLIDING`; those of one law of friction together."""
+    if np.all(np.equal(sliding["kinetic_ratio"], 1.0)):
+        return largest_growth(rig, theta, mu)
+    columns = np.broadcast_arrays(theta, mu, *(sliding[name] for name in SLIDING))
+    theta, mu, V, F, *laws = (column.ravel() for column in columns)
+    groups: dict[Any, list[int]] = {}
+    for k, law in enumerate(zip(*(column.tolist() for column in laws), strict=True)):
+        groups.setdefault(law, []).append(k)
+    found = np.empty((3, len(mu)))
+    for law, at in groups.items():
+        friction = friction_of(dict(zip(FRICTION, law, strict=True)))
+        found[:, at] = largest_growth(rig, theta[at], mu[at], friction=friction, V=V[at], F=F[at])
+    return tuple(found.reshape(3, *columns[0].shape))
+
+
+def first_growth(rig: Any, theta: float, fmax: float, largest: float, **law: Any) -> tuple[float, float]:
     """Lowest mu up to `largest` from which a pair below `fmax` is unstable, and its frequency, Hz; or NaN.
 
-    That is at a flutter onset, or at the top of the band, which an unstable pair enters. `sliding` are the values
-    of `parameters.SLIDING`; by default friction does not fall.
+    That is at a flutter onset, or at the top of the band, which an unstable pair enters. `law`: as `sliding_of`.
     """
-    how: dict[str, Any] = {"friction": friction_of(sliding)}
-    how |= {name: sliding[name] for name in ("V", "F") if name in sliding}
-    found = flutter_onsets(rig, theta, fmax, largest, **how)
+    found = flutter_onsets(rig, theta, fmax, largest, **law)
     onsets = zip(found.mu.tolist(), found.frequency.tolist(), strict=True)
     return min((*onsets, *((mu, fmax) for mu in found.entry_mu.tolist())), default=(np.nan, np.nan))
 
@@ -108,8 +100,8 @@ def least_stable(scene: Scene) -> tuple[float, float]:
 
 
 def sliding_of(scene: Scene) -> dict[str, Any]:
-    """The values of `parameters.SLIDING` of a scene."""
-    return {"V": abs(scene.V), "F": scene.F, **{name: getattr(scene.friction, name) for name in FRICTION}}
+    """Arguments of `sliding_modes` and `flutter_onsets` for the law of friction of a scene."""
+    return {"friction": scene.friction, "V": abs(scene.V), "F": scene.F}
 
 
 def friction_in(dataset: xr.Dataset) -> Friction:
@@ -117,20 +109,20 @@ def friction_in(dataset: xr.Dataset) -> Friction:
     return friction_of({name: dataset[name].item() for name in FRICTION if name in dataset.coords})
 
 
-def first_onsets(dataset: xr.Dataset, rig: Any, fmax: float = BAND) -> tuple[tuple[str, ...], Array, Array]:
+def first_onsets(dataset: xr.Dataset, rig: Any) -> tuple[tuple[Any, ...], Array, Array]:
     """`first_growth` up to the largest mu along theta, and along V and F if they matter: dimensions and values."""
     law, largest = friction_in(dataset), float(dataset["mu"].max())
-    dims = tuple(name for name in ("theta", "V", "F")[: 1 if law.constant else 3] if dataset[name].ndim)
-    points = xr.broadcast(*(dataset[name].reset_coords(drop=True) for name in dims))
-    values = {name: points[k].values.ravel() for k, name in enumerate(dims)}
-    found = np.full((2, points[0].size), np.nan)
-    for k in range(points[0].size if largest > 0.0 else 0):
-        at = {name: float(values[name][k] if name in values else dataset[name]) for name in ("theta", "V", "F")}
-        sliding = {"V": abs(at["V"]), "F": at["F"], **{name: getattr(law, name) for name in FRICTION}}
-        theta = at["theta"] if law.constant or at["V"] > 0.0 else -at["theta"]
-        found[:, k] = first_growth(rig, theta, fmax, largest, **sliding)
-    onset, frequency = found.reshape(2, *points[0].shape)
-    return dims, onset, frequency
+    names = ("theta",) if law.constant else ("theta", "V", "F")
+    columns = xr.broadcast(*(dataset[name].reset_coords(drop=True) for name in names))
+    points, found = (
+        np.stack([column.values.ravel() for column in columns], axis=1),
+        np.full((columns[0].size, 2), np.nan),
+    )
+    for k, (theta, *values) in enumerate(points.tolist() if largest > 0.0 else ()):
+        how = {"friction": law, **dict(zip(names[1:], map(abs, values), strict=True))}
+        turned = -theta if values and values[0] < 0.0 else theta
+        found[k] = first_growth(rig, turned, BAND, largest, **how)
+    return columns[0].dims, *found.T.reshape(2, *columns[0].shape)
 
 
 def with_unstable_intervals(dataset: xr.Dataset, rig: Rig, mu: float, V: float = 1.0) -> xr.Dataset:

@@ -124,7 +124,7 @@ class Study:
         """A parameter by its name; an `InputError` suggests the nearest."""
         if name not in self.parameters:
             near = suggest(name, self.parameters)
-            falls = "; friction falls with the speed by kinetic_ratio and decay_speed (README)"
+            falls = "; friction falls with the speed by kinetic_ratio and decay_speed (studies/README.md)"
             friction = falls if {"mu", "friction"} & {*name.split("_")} else ""
             raise InputError(
                 f"{name}: study {self.name} has no such parameter; {near}"
@@ -220,6 +220,7 @@ class Study:
         call = Call(self.function, common, self.normalised, tuple(self.parameters), shapes, times)
         numbers = {name: fixed[name] for name in (*SCENE, *FRICTION) if name in fixed}
         others = tuple(name for name in grid.axes if name not in (*SCENE, *FRICTION, "sample", "row"))
+        unordered = ("V", "mu", "F", *FRICTION)
         key = partial(scenes.key, fixed=numbers, others=others, steady="scenes" not in self.takes)
         about = {
             name: (fixed[name], parameter.units, parameter.text)
@@ -239,9 +240,7 @@ class Study:
             title=self.title,
             derive=partial(finish, self.derive, self.dims, about),
             # The modes of P1, of a rig and of an inclination are computed once for neighbours.
-            order_by=()
-            if draws or columns
-            else tuple(name for name in axes if name not in ("V", "mu", "F", *FRICTION)),
+            order_by=() if draws or columns else tuple(name for name in axes if name not in unordered),
             request={"fixed": about},
         )
 

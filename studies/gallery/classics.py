@@ -137,40 +137,36 @@ def belted(V: float, law: Friction, xi: float = 0.0) -> tuple[Scene, State]:
     return Scene(V, 0.0, 1.0, 1.0, block_of(1.0, xi), law), State(np.zeros(2), np.array([0.0, V]), STICK)
 
 
-def times_of(V: float, law: Friction, end: float) -> Any:
-    """Period, slip and stick of the block's cycle by 'exact' and, with two steps, 'fast'."""
-    rows = []
-    scene, start = belted(V, law)
+def belt_table(V: float, law: Friction, period: float, times: Any) -> Any:
+    """Period, slip, stick, and places at `times` after the first slip, by 'exact' and, with two steps, 'fast'."""
+    (scene, start), rows = belted(V, law), []
     how: dict[str, Any] = {"ramp": 0.0, "settle": 0.0, "min_stick": 0.5, "initial": start}
     for method, step in (("exact", 0.05), ("fast", 2e-3), ("fast", 1e-3)):
-        summary = simulate(scene, end, method, step=step, **how).summary
-        period, stick = np.diff(summary["stick_starts"])[0], summary["stick_times"][0]
-        rows.append([period, period - stick, stick])
-    return np.array(rows)
+        summary = simulate(scene, 1.0 / V + 2.0 * period + 1.0, method, step=step, **how).summary
+        found, stick = np.diff(summary["stick_starts"])[0], summary["stick_times"][0]
+        rows.append([found, found - stick, stick])
+    places = moved(1.0, 0.0, V, STICK, (V, 1.0, 1.0), 1.0 / V + times, 2e-3, law)[0]
+    return np.hstack([rows, places])
 
 
 def leine() -> Any:
     """Published by shooting; here by SciPy, to more digits. At V = .8 the block overtakes the belt."""
-    law, columns = Friction(0.0, 1.0 / 3.0, "rational"), np.empty((4, 0))
+    law, tables = Friction(0.0, 1.0 / 3.0, "rational"), []
     for V in (0.2, 0.05, 0.1, 0.4, 0.8):
         slip, stick, turns = cycle(V, law)
-        times = times_of(V, law, 1.0 / V + 2.0 * (slip + stick) + 1.0)
-        columns = np.hstack([columns, np.vstack([[slip + stick, slip, stick], times])[:, : 3 if V == 0.2 else 1]])
-        if V == 0.2:
-            places = moved(1.0, 0.0, V, STICK, (V, 1.0, 1.0), 1.0 / V + turns[:, 0], 2e-3, law)[0]
-            columns = np.hstack([columns, np.vstack([turns[:, 1], *places])])
-    return columns
+        expected = [slip + stick, slip, stick, *turns[:, 1]]
+        tables.append(np.vstack([expected, belt_table(V, law, slip + stick, turns[:, 0])]))
+    return np.hstack([tables[0], *(table[:, :1] for table in tables[1:])])
 
 
 def jump() -> Any:
     """It sticks for 2 (1 - kappa) / V, then swings about kappa."""
     V, kappa = 0.2, 0.5
-    top, law = np.arctan(V / (1.0 - kappa)), Friction(kappa, 0.0)
     stick, slip = 2.0 * (1.0 - kappa) / V, 2.0 * (np.pi - np.arctan((1.0 - kappa) / V))
-    times = times_of(V, law, 1.0 / V + 2.0 * (slip + stick) + 1.0)
-    places = np.array(moved(1.0, 0.0, V, STICK, (V, 1.0, 1.0), np.array([1.0 / V + top]), 2e-3, law)[0])
-    expected = [stick, slip, np.hypot(1.0 - kappa, V)]
-    return np.vstack([expected, np.hstack([times[:, :0:-1], places - kappa])])
+    top = np.array([np.arctan(V / (1.0 - kappa))])
+    expected = [slip + stick, slip, stick, kappa + np.hypot(1.0 - kappa, V)]
+    table = np.vstack([expected, belt_table(V, Friction(kappa, 0.0), slip + stick, top)])
+    return table[:, [2, 1, 3]] - [0.0, 0.0, kappa]
 
 
 def fading() -> Any:
@@ -180,20 +176,16 @@ def fading() -> Any:
 
     def crest(V: float) -> tuple[float, float]:
         """When the block, once it slips, is fastest, and by how much slower than the belt."""
-        rates = slipping(V, law, xi)
-        found = solve_ivp(
-            rates, (0.0, 9.0), [1.0 - 2.0 * xi * V, V], events=[lambda t, y: rates(t, y)[1]], **SOLVER
-        )
+        rates, start = slipping(V, law, xi), [1.0 - 2.0 * xi * V, V]
+        found = solve_ivp(rates, (0.0, 9.0), start, events=[lambda t, y: rates(t, y)[1]], **SOLVER)
         return found.t_events[0][-1], V - found.y_events[0][-1][1]
 
     def slower(V: float) -> Any:
-        scene, start = belted(V, law, xi)
-        time = np.array([1.0 / V - 2.0 * xi + crest(V)[0]])
+        (scene, start), time = belted(V, law, xi), np.array([1.0 / V - 2.0 * xi + crest(V)[0]])
         return V - states_at(Normalised.of(scene), time, ramp=0.0, initial=start)[0, 3]
 
     end = brentq(lambda V: crest(V)[1], 1.83, 1.85, xtol=1e-13)
-    # Up to there the block sticks: its motion above is continued.
-    near = end + np.array([1e-3, 2e-3, 3e-3])
+    near = end + np.array([1e-3, 2e-3, 3e-3])  # below it sticks
     ours = np.polynomial.Polynomial.fit([slower(V) for V in near], near, 2)(0.0)
     return [[v_d * np.log((1.0 - kappa) / (2.0 * xi * v_d)), end], [onset, ours]]
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore import Rig, Scene, Structure, checks, glued_frequencies, painleve_mu
+from fivcore import Friction, Rig, Scene, Structure, checks, glued_frequencies, painleve_mu
 from studies import labels, paper, spec, summary, uncertainty
 from studies.motion import ensemble, regimes, run
 from studies.motion.jobs import outcomes
@@ -19,7 +19,7 @@ from studies.parameters import RIG, RUN, SCENE, SLIDING, Parameter, rig_numbers,
 from studies.plotting import figures, planes
 from studies.request import Request, assignment, structure_of
 from studies.results import MAPS, configuration, results_folder, settings, structure_in
-from studies.stability import first_growth, largest_growth
+from studies.stability import first_growth, growths
 from studies.study import Study
 from sweeps import FAILED, InputError, Plan, Refinement, Variable, check_counts, refined, refinement_report
 
@@ -44,15 +44,15 @@ PROBABILITY |= {f"{name}_se": ("1", f"standard error of the {text}") for name, (
 
 def growth(rig: Rig, theta: Any, mu: Any, **sliding: Any) -> dict[str, Any]:
     """The least stable mode of steady sliding, and the number of unstable ones."""
-    return dict(zip(GROWTH, map(np.atleast_1d, largest_growth(rig, theta, mu, **sliding)), strict=True))
+    return dict(zip(GROWTH, map(np.atleast_1d, growths(rig, theta, mu, **sliding)), strict=True))
 
 
 def onset(rig: Rig, theta: Any, **sliding: Any) -> dict[str, Any]:
     """The lowest onset of flutter; NaN without one."""
-    points = zip(*(np.ravel(each).tolist() for each in np.broadcast_arrays(theta, *sliding.values())), strict=True)
+    columns = np.broadcast_arrays(np.atleast_1d(theta), *(sliding[name] for name in SLIDING))
     found = [
-        first_growth(rig, angle, run.BAND, MU_MAX, **dict(zip(sliding, values, strict=True)))
-        for angle, *values in points
+        first_growth(rig, angle, run.BAND, MU_MAX, friction=Friction(*law), V=V, F=F)
+        for angle, V, F, *law in zip(*(column.tolist() for column in columns), strict=True)
     ]
     return dict(zip(ONSET, np.transpose(found), strict=True))
 

@@ -18,8 +18,8 @@ from studies.plotting import figures, general, planes
 from studies.stability import (
     first_onsets,
     friction_in,
+    growths,
     intervals_summary,
-    largest_growth,
     with_flags,
     with_unstable_intervals,
 )
@@ -59,7 +59,7 @@ FAINTEST = 0.01
 
 def plane(rig: Rig, theta: np.ndarray, mu: np.ndarray, **sliding: Any) -> dict[str, np.ndarray]:
     """Growth rate and frequency of the least stable mode, and the number of unstable pairs."""
-    return dict(zip(OUTPUTS, largest_growth(rig, theta, mu, **sliding), strict=True))
+    return dict(zip(OUTPUTS, growths(rig, theta, mu, **sliding), strict=True))
 
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:

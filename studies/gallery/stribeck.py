@@ -68,7 +68,11 @@ def mostly_falling(dataset: xr.Dataset) -> xr.DataArray:
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """Where falling friction decides, how much it adds, and what each kinetic ratio does."""
-    unstable, falling, kinds = dataset["growth_rate"] > 0.0, mostly_falling(dataset), motion_kinds(dataset)
+    unstable, falling, kinds = (
+        dataset["growth_rate"] > 0.0,
+        mostly_falling(dataset),
+        dataset["status"].copy(data=regimes.kinds(dataset)),
+    )
     vibrates, without = (
         kinds.copy(data=regimes.is_of(kinds.values, *regimes.VIBRATING)),
         dataset["growth_coupled"] > 0,
@@ -89,11 +93,6 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield "By kinetic ratio; ranges are speeds in mm/s", pd.DataFrame(rows, columns=heads)
 
 
-def motion_kinds(dataset: xr.Dataset) -> xr.DataArray:
-    """The index in `regimes.KINDS` of each point."""
-    return dataset["status"].copy(data=regimes.kinds(dataset))
-
-
 def _range(dataset: xr.Dataset, chosen: xr.DataArray) -> str:
     """The least and the greatest speed of the chosen points, mm/s."""
     others = [dim for dim in chosen.dims if dim != "V"]
@@ -105,7 +104,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     """Growth rate and regime over speed and kinetic ratio, and both shares along the speed."""
     from matplotlib.colors import ListedColormap, LogNorm
 
-    growth, kinds = dataset["growth_rate"], motion_kinds(dataset)
+    growth, kinds = dataset["growth_rate"], dataset["status"].copy(data=regimes.kinds(dataset))
     if min(dataset.sizes["V"], dataset.sizes["kinetic_ratio"]) == 1 or not bool(growth.notnull().any()):
         return general.draw(dataset)
     figure, panels = figures.panels(3, 1, 16.0, 20.0, sharex=True, height_ratios=(1.0, 1.0, 1.3))

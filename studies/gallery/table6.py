@@ -79,8 +79,7 @@ def inclinations(scenes: Sequence[Scene], members: int, **run: Any) -> dict[str,
 
 def unstable_pairs(scene: Scene) -> dict[str, Any]:
     """Number of the unstable pairs; frequency and growth rate of the least stable ones, ascending in frequency."""
-    how: dict[str, Any] = {"friction": scene.friction, "V": abs(scene.V), "F": scene.F}
-    modes = sliding_modes(scene.rig, scene.drive_theta, scene.mu, BAND, **how)
+    modes = sliding_modes(scene.rig, scene.drive_theta, scene.mu, BAND, **stability.sliding_of(scene))
     unstable = np.flatnonzero(modes.unstable)
     least_stable = np.argsort(-modes.growth_rate[unstable], kind="stable")[:PAIRS]
     chosen = np.sort(unstable[least_stable])  # modes ascend in frequency
