@@ -154,7 +154,8 @@ def crossings(
     problem, f, (kappa, v_d, rational) = falling_problem(own, fmax), balance(own), friction.law
     mu, V, F = (values[each] for each in ("mu", "V", "F"))
     if name == "mu":
-        r, s = friction.ratio(V), -friction.slope(V)
+        # Without damping all motions grow from 0 on, to rounding.
+        r, s, low = friction.ratio(V), -friction.slope(V), max(low, 1e-11 * high)
         high = min(high, (1.0 - 1e-6) / (-f * r)) if f * r < 0.0 else high
         m0, m1, q, power = 0.0, r, F * s, 1.0
     elif name == "V":
@@ -179,10 +180,10 @@ def crossings(
     def candidates(phi: complex, n: int) -> list[tuple[float, complex, complex]]:
         """Values, with the root x and the other one, from the most real root on."""
         c = np.array(quadratic(phi, n, *system))[::-1]
-        roots = np.roots(c / np.abs(c).max())
-        roots = roots[np.argsort(np.abs(roots.imag) / np.abs(roots))] if len(roots) > 1 else roots
+        roots = np.roots(c / max(np.abs(c).max(), 1e-300))
+        roots = roots[np.argsort(np.abs(roots.imag / np.where(roots == 0.0, 1.0, roots)))]
         found = []
-        for x, other in zip(roots, (roots[::-1] if len(roots) > 1 else [0j]), strict=True):
+        for x, other in zip(roots, roots[::-1] if len(roots) == 2 else 0.0 * roots, strict=True):
             real = np.sqrt(x.real) if squared and x.real > 0.0 else x.real
             if name == "V":
                 real = np.nan if not 0.0 < real < 1.0 else v_d * (1.0 / real - 1.0 if rational else -np.log(real))
@@ -207,9 +208,9 @@ def crossings(
             if rising == (crossing_function(start, n, *system, 1.0) > 0.0):
                 continue
             omega = brentq(crossing_function, start, end, (n, *system, 1.0), xtol=1e-18, rtol=4.0 * EPS)
-            value, _, other = candidates(BAND * place(omega), n)[0]
-            if low < value <= high:
-                onsets.append((value, omega, 2.0 * way if rising == (other.imag <= 0.0) else -2.0 * way))
+            for value, _, other in candidates(BAND * place(omega), n)[:1]:
+                if low < value <= high:
+                    onsets.append((value, omega, 2.0 * way if rising == (other.imag <= 0.0) else -2.0 * way))
         table = np.array(sorted(onsets)).reshape(-1, 3)
         if agree(lambda value: falling_roots(problem, *at(value)), table, low, high):
             return table
@@ -240,6 +241,9 @@ class SlidingOnsets(ReadOnlyArrays):
 
 def sliding_onsets(scene: Scene, parameter: str, low: float, high: float, fmax: float = 10e3) -> SlidingOnsets:
     """Onsets and recoveries of steady sliding along the static friction, the speed or the load.
+
+    Those within the band, as for `flutter_onsets`: motions that grow without oscillation, or that enter the band
+    while they grow, have none.
 
     Parameters
     ----------
