@@ -7,7 +7,8 @@ step, and their zeros are located on its polynomial, to rounding.
 
 Between rigid surfaces the spring of `exact.penalised` would need a hundred thousand steps in a period. There N
 keeps the gap closed, and where slip ends, gap and u are those of the loaded spring. T jumps as slip ends, at once
-and not through the dashpot. The impact of a touch-down is integrated with the spring. The motion changes by 1e-9.
+and not through the dashpot. The impact of a touch-down is integrated with the spring. A cycle of one mode is right
+to 1e-9 of itself; with more modes rounding in the eigenbasis of stick, on the spring, makes that 1e-7.
 """
 
 from __future__ import annotations

@@ -111,7 +111,7 @@ def simulate(
     ValueError
         For a bad argument, naming it, its value and what is allowed.
     ContactError
-        Where the contact force is not unique; before the first step.
+        Where the contact force is not unique; before the first step, or, of a falling friction, where it is met.
     DivergenceError
         Where the motion leaves the range of numbers.
 
