@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from fivcore import Rig
+from fivcore import Friction, Rig
+from fivcore.friction import DECAYS, FRICTION_PARAMETERS
 from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS
 from studies import paper
 from sweeps import Axis, InputError
@@ -132,6 +133,13 @@ SCENE = {
     "mu": Parameter(paper.MU, "1", "coefficient of friction"),
     "F": Parameter(paper.LOAD, "N", "load on A"),
 }
+# How friction falls with the sliding speed; by default it does not.
+FRICTION = {name: Parameter(getattr(Friction(), name), *about) for name, about in FRICTION_PARAMETERS.items()} | {
+    "decay": Parameter(DECAYS[0], "1", "exponential: exp(-v / decay_speed); rational: its 1 / (1 + x)", DECAYS)
+}
+# What stability depends on besides the rig, theta and mu, where friction falls.
+SLIDING = {name: SCENE[name] for name in ("V", "F")} | FRICTION
+KNOWN = SCENE | FRICTION | RIG
 DAMPINGS = ("published", "none")
 # Options of every run in time.
 RUN = {
@@ -161,6 +169,8 @@ USUAL: Mapping[str, tuple[float, float, str]] = {
     "theta": (0.2, 80.0, "radians? it is in degrees"),
     "mu": (0.0, 10.0, ""),
     "F": (1e-3, 1e4, ""),
+    "kinetic_ratio": (0.1, 1.0, ""),
+    "decay_speed": (1e-6, 1.0, "mm/s"),
     "contact_position": (1e-3, 2.0, "mm"),
     "head_mass": (1e-3, 1e3, ""),
     "d1": (1e-6, 1e4, ""),
@@ -191,14 +201,14 @@ def unusual(values: Mapping[str, Any], requested: Any) -> list[str]:
     lines = []
     for name, value in values.items():
         kind = name.removeprefix("p1_").removeprefix("p2_")
-        known = name in requested and kind in USUAL and name in SCENE | RIG
+        known = name in requested and kind in USUAL and name in KNOWN
         if not known or np.asarray(value).dtype.kind not in "iuf":
             continue
         low, high, unit = USUAL[kind]
         # A range may begin near zero.
         largest = float(np.max(np.abs(np.asarray(value, dtype=float))))
         if largest > high or 0.0 < largest < low:
-            units = "" if (SCENE | RIG)[name].units == "1" else f" {(SCENE | RIG)[name].units}"
+            units = "" if KNOWN[name].units == "1" else f" {KNOWN[name].units}"
             hint = f"; {unit}{'' if '?' in unit else ' without the unit?'}" if unit else ""
             lines.append(f"{name} = {largest:g}{units} is unusual: {low:g} to {high:g}{units} is usual{hint}")
     for beam in ("p1", "p2"):

@@ -9,13 +9,19 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import Rig, Scene, Structure, flutter_onsets, sliding_modes, unstable_windows
+from fivcore import Friction, Rig, Scene, Structure, flutter_onsets, sliding_modes, unstable_windows
 from studies import summary
 from studies.labels import number
 from studies.motion.run import BAND
+from studies.motion.scenes import friction_of
+from studies.parameters import FRICTION, SLIDING
 from sweeps import Variable
 
 Array = NDArray[Any]
+
+# Where friction falls steeply a pair becomes two exponents that do not oscillate: they are listed up to so many
+# times the size that those of a band have.
+FAR = 5.0
 
 # Variables of a scene's least stable mode.
 LEAST_STABLE = {
@@ -39,38 +45,84 @@ INTERVALS = {
 MIRRORED = {"from": "to", "to": "from"}
 
 
-def largest_growth(rig: Any, theta: Any, mu: Any, fmax: float = BAND) -> tuple[Array, Array, Array]:
+def largest_growth(rig: Any, theta: Any, mu: Any, fmax: float = BAND, **law: Any) -> tuple[Array, Array, Array]:
     """Growth rate and frequency of the least stable mode, and the number of unstable modes, with V > 0.
 
-    `rig` is a Rig, or a Structure, which has no theta. theta and mu broadcast; only modes below `fmax` count. 1/s
-    and Hz, NaN where the band has no mode; a pair of which one mode grows and one decays counts once.
+    `rig` is a Rig, or a Structure, which has no theta. theta, mu and `law` (`sliding_of`) broadcast; only modes
+    below `fmax` count. 1/s and Hz, NaN where the band has no mode; a pair of which one mode grows and one decays
+    counts once.
     """
     if isinstance(rig, Structure):
         mu, theta = np.broadcast_arrays(mu, theta)[0], 0.0
-    modes = sliding_modes(rig, theta, mu, fmax)
-    growth = np.where(np.isnan(modes.growth_rate), -np.inf, modes.growth_rate)
+    falls = "friction" in law and not law["friction"].constant
+    modes = sliding_modes(rig, theta, mu, FAR * fmax if falls else fmax, **law)
+    inside = np.isfinite(modes.growth_rate) & ((modes.frequency <= fmax) | (not falls))
+    growth = np.where(inside, modes.growth_rate, -np.inf)
     if not growth.shape[-1]:
         nothing = np.full(growth.shape[:-1], np.nan)
         return nothing, nothing.copy(), np.zeros(growth.shape[:-1], dtype=int)
     top = growth.argmax(axis=-1)[..., None]
     rate, frequency = (np.take_along_axis(of, top, -1)[..., 0] for of in (modes.growth_rate, modes.frequency))
-    return rate, frequency, np.count_nonzero(modes.unstable, axis=-1)
+    rate = np.where(inside.any(axis=-1), rate, np.nan)
+    return rate, np.where(np.isnan(rate), np.nan, frequency), np.count_nonzero(modes.unstable & inside, axis=-1)
 
 
-def first_growth(rig: Any, theta: float, fmax: float, largest: float) -> tuple[float, float]:
+def growths(rig: Any, theta: Any, mu: Any, **sliding: Any) -> tuple[Array, ...]:
+    """`largest_growth` of points with values of `parameters.SLIDING`; those of one law of friction together."""
+    if np.all(np.equal(sliding["kinetic_ratio"], 1.0)):
+        return largest_growth(rig, theta, mu)
+    columns = np.broadcast_arrays(theta, mu, *(sliding[name] for name in SLIDING))
+    theta, mu, V, F, *laws = (column.ravel() for column in columns)
+    groups: dict[Any, list[int]] = {}
+    for k, law in enumerate(zip(*(column.tolist() for column in laws), strict=True)):
+        groups.setdefault(law, []).append(k)
+    found = np.empty((3, len(mu)))
+    for law, at in groups.items():
+        friction = friction_of(dict(zip(FRICTION, law, strict=True)))
+        found[:, at] = largest_growth(rig, theta[at], mu[at], friction=friction, V=V[at], F=F[at])
+    return tuple(found.reshape(3, *columns[0].shape))
+
+
+def first_growth(rig: Any, theta: float, fmax: float, largest: float, **law: Any) -> tuple[float, float]:
     """Lowest mu up to `largest` from which a pair below `fmax` is unstable, and its frequency, Hz; or NaN.
 
-    That is at a flutter onset, or at the top of the band, which an unstable pair enters.
+    That is at a flutter onset, or at the top of the band, which an unstable pair enters. `law`: as `sliding_of`.
     """
-    found = flutter_onsets(rig, theta, fmax, largest)
+    found = flutter_onsets(rig, theta, fmax, largest, **law)
     onsets = zip(found.mu.tolist(), found.frequency.tolist(), strict=True)
     return min((*onsets, *((mu, fmax) for mu in found.entry_mu.tolist())), default=(np.nan, np.nan))
 
 
 def least_stable(scene: Scene) -> tuple[float, float]:
     """Growth rate (1/s) and frequency (Hz) of the least stable mode of steady sliding below 10 kHz."""
-    growth, frequency, _ = largest_growth(scene.rig, scene.drive_theta, scene.mu)
+    growth, frequency, _ = largest_growth(scene.rig, scene.drive_theta, scene.mu, **sliding_of(scene))
     return float(growth), float(frequency)
+
+
+def sliding_of(scene: Scene) -> dict[str, Any]:
+    """Arguments of `sliding_modes` and `flutter_onsets` for the law of friction of a scene."""
+    return {"friction": scene.friction, "V": abs(scene.V), "F": scene.F}
+
+
+def friction_in(dataset: xr.Dataset) -> Friction:
+    """The law of friction of a result with only one."""
+    return friction_of({name: dataset[name].item() for name in FRICTION if name in dataset.coords})
+
+
+def first_onsets(dataset: xr.Dataset, rig: Any) -> tuple[tuple[Any, ...], Array, Array]:
+    """`first_growth` up to the largest mu along theta, and along V and F if they matter: dimensions and values."""
+    law, largest = friction_in(dataset), float(dataset["mu"].max())
+    names = ("theta",) if law.constant else ("theta", "V", "F")
+    columns = xr.broadcast(*(dataset[name].reset_coords(drop=True) for name in names))
+    points, found = (
+        np.stack([column.values.ravel() for column in columns], axis=1),
+        np.full((columns[0].size, 2), np.nan),
+    )
+    for k, (theta, *values) in enumerate(points.tolist() if largest > 0.0 else ()):
+        how = {"friction": law, **dict(zip(names[1:], map(abs, values), strict=True))}
+        turned = -theta if values and values[0] < 0.0 else theta
+        found[k] = first_growth(rig, turned, BAND, largest, **how)
+    return columns[0].dims, *found.T.reshape(2, *columns[0].shape)
 
 
 def with_unstable_intervals(dataset: xr.Dataset, rig: Rig, mu: float, V: float = 1.0) -> xr.Dataset:
@@ -78,9 +130,11 @@ def with_unstable_intervals(dataset: xr.Dataset, rig: Rig, mu: float, V: float =
 
     Where they cannot be computed the result has none, and the `comment` of `window_from` gives the reason.
     """
-    theta, comment = dataset["theta"].values, ""
+    theta, comment, law = dataset["theta"].values, "", friction_in(dataset)
     try:
-        values = unstable_intervals(rig, mu, V, float(theta.min()), float(theta.max()))
+        if not law.constant:
+            raise ArithmeticError("friction falls with the speed")
+        values = unstable_intervals(rig, mu * law.ratio(V), V, float(theta.min()), float(theta.max()))
     except ArithmeticError as problem:
         values, comment = _none(), str(problem)
     dataset = dataset.assign(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fivcore import Structure, checks
 from studies.motion import scenes, series
-from studies.parameters import RIG, SCENE, Parameter, suggest
+from studies.parameters import FRICTION, RIG, SCENE, Parameter, suggest
 from studies.results import is_usual, settled
 from sweeps import Axis, Grid, InputError, Sample, Sweep, Variable, check_size
 
@@ -65,7 +65,8 @@ class Study:
         be computed.
     normalised : bool
         Compute the scaled scene with V > 0 and F = 1 once for all points that are equivalent to it;
-        `Variable.scale` "load" or "along" names the factor of a point.
+        `Variable.scale` "load" or "along" names the factor of a point. A function that takes no scenes is of
+        steady sliding: with friction that does not fall it depends neither on V nor on F.
     chaotic : bool
         The motion is chaotic: another processor changes digits, and only statistics can be compared.
     beams : bool
@@ -93,7 +94,7 @@ class Study:
         takes = set(inspect.signature(self.function).parameters)
         added = dict[str, Parameter]()
         if "scenes" in takes:
-            added |= SCENE
+            added |= SCENE | FRICTION
         if takes & {"scenes", "rig"}:
             added |= {name: SCENE[name] for name in SCENE if name in takes} | RIG
         parameters = {**self.parameters, **{k: v for k, v in added.items() if k not in self.parameters}}
@@ -123,7 +124,8 @@ class Study:
         """A parameter by its name; an `InputError` suggests the nearest, with a structure not of the beams."""
         if name not in self.parameters:
             known = self.known(structure)
-            friction = "; friction has one constant mu (README)" if "mu" in name.split("_") else ""
+            falls = "; friction falls with the speed by kinetic_ratio and decay_speed (studies/README.md)"
+            friction = falls if {"mu", "friction"} & {*name.split("_")} else ""
             raise InputError(
                 f"{name}: study {self.name} has no such parameter; {suggest(name, known)}"
                 f"it has {', '.join(known)}{friction}"
@@ -220,8 +222,10 @@ class Study:
         shapes = {name: tuple(len(coords[dim]) for dim in each.dims) for name, each in outputs.items()}
         times = coords["elapsed"].values if "elapsed" in coords else None
         call = Call(self.function, common, self.normalised, tuple(self.parameters), shapes, times)
-        numbers = {name: fixed[name] for name in SCENE if name in fixed}
-        others = tuple(name for name in grid.axes if name not in (*SCENE, "sample", "row"))
+        numbers = {name: fixed[name] for name in (*SCENE, *FRICTION) if name in fixed}
+        others = tuple(name for name in grid.axes if name not in (*SCENE, *FRICTION, "sample", "row"))
+        unordered = ("V", "mu", "F", *FRICTION)
+        key = partial(scenes.key, fixed=numbers, others=others, steady="scenes" not in self.takes)
         about = {
             name: (fixed[name], parameter.units, parameter.text)
             for name, parameter in self.parameters.items()
@@ -233,14 +237,14 @@ class Study:
             grid,
             outputs,
             fixed,
-            key=partial(scenes.key, fixed=numbers, others=others) if self.normalised else None,
+            key=key if self.normalised else None,
             scale=partial(scenes.factors, fixed=numbers) if self.normalised else None,
             coords={name: axis for name, axis in coords.items() if name not in grid.axes},
             code=("fivcore",),
             title=self.title,
             derive=partial(finish, self.derive, self.dims, about),
             # The modes of P1, of a rig and of an inclination are computed once for neighbours.
-            order_by=() if draws or columns else tuple(name for name in axes if name not in ("V", "mu", "F")),
+            order_by=() if draws or columns else tuple(name for name in axes if name not in unordered),
             request={"fixed": about},
         )
 
@@ -354,7 +358,7 @@ class Study:
         problems: list[Exception] = []
         for row, (place, numbers) in enumerate(_rows(grid)):
             try:
-                _build({**fixed, **numbers}, self.takes)
+                _build({**fixed, **numbers}, self.takes | ({"scenes"} if self.normalised else set()))
             except ValueError as problem:
                 if grid.dims[0] != "sample":
                     raise InputError(f"{place}{problem}") from None
@@ -388,11 +392,11 @@ def _rows(grid: Grid) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def _build(numbers: Mapping[str, Any], takes: set[str]) -> None:
-    rig = scenes.rig_of(numbers) if takes & {"rig", "scenes"} else None
     if "scenes" in takes:
-        assert rig is not None
-        scenes.scene_of(numbers, rig)
-    elif "theta" in numbers and np.ndim(numbers["theta"]) == 0:
+        scenes.scene_of(numbers)
+    elif "rig" in takes:
+        scenes.rig_of(numbers)
+    if "theta" in numbers and np.ndim(numbers["theta"]) == 0:
         checks.theta_degrees(numbers["theta"])
     if "mu" in numbers and np.ndim(numbers["mu"]) == 0:
         checks.friction(numbers["mu"])
@@ -426,17 +430,20 @@ class Call:
         """Arguments of the function for `count` points."""
         signature = inspect.signature(self.function).parameters
         given: dict[str, Any] = {}
+        if self.normalised:
+            scaled = scenes.normalised(numbers, count, steady="scenes" not in signature)
+            numbers = {**numbers, **{name: column for name, column in scaled.items() if name in numbers}}
         if "rig" in signature:
             given["rig"] = scenes.rig_of(numbers)
         if "scenes" in signature:
-            given["scenes"] = scenes.scenes_of(numbers, count, self.normalised)
+            given["scenes"] = scenes.scenes_of(numbers, count)
         if "times" in signature:
             given["times"] = self.times
         if "record" in signature:
             given["record"] = numbers.get("record", ())
         if "distributions" in signature:
             given["distributions"] = numbers.get("distributions", {})
-        consumed = {*RIG, *(SCENE if "scenes" in signature else ()), "record", "distributions"}
+        consumed = {*RIG, *(SCENE | FRICTION if "scenes" in signature else ()), "record", "distributions"}
         takes_rest = any(p.kind is inspect.Parameter.VAR_KEYWORD for p in signature.values())
         for name, value in numbers.items():
             if name in signature or (takes_rest and name in self.parameters and name not in consumed):

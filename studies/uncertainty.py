@@ -25,9 +25,11 @@ Array = NDArray[Any]
 FORMS = "normal:MEAN:SD | uniform:LOW:HIGH | lognormal:MEDIAN:SIGMA | triangular:LOW:MODE:HIGH"
 KINDS = {form.split(":")[0]: tuple(form.split(":")[1:]) for form in FORMS.split(" | ")}
 # What a parameter can be at all; outside a distribution is truncated. The ends of theta are excluded.
-PHYSICAL = dict.fromkeys((*RIG, "mu", "F", "ramp", "min_duration", "max_duration", "cutoff"), (0.0, math.inf)) | {
+PHYSICAL = dict.fromkeys(
+    (*RIG, "mu", "F", "decay_speed", "ramp", "min_duration", "max_duration", "cutoff"), (0.0, math.inf)
+) | {
     "theta": (math.nextafter(-90.0, 0.0), math.nextafter(90.0, 0.0)),
-    "point_b": (0.0, 1.0),
+    **dict.fromkeys(("point_b", "kinetic_ratio"), (0.0, 1.0)),
 }
 # A distribution of which less is possible is a mistake.
 LEAST_LEFT = 0.01

@@ -35,7 +35,7 @@ from fivcore.friction import COULOMB
 from fivcore.jit import Array, Complex
 from fivcore.rig import Rig
 from fivcore.transient.exact_kernels import N_, ONE, Q_R, SCENE, T_, V_R, A, P, S, observe, search, waves_at
-from fivcore.transient.normalised import Normalised, State, energies, residual_gaps
+from fivcore.transient.normalised import Normalised, energies, residual_gaps
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import SEPARATION, STICK
 from fivcore.transient.stepped import SteppedRun
@@ -113,13 +113,6 @@ class ExactRun(SteppedRun):
             y[n : 2 * n] += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(y)
         self._decide(0.0, y, options.contact)
-
-    @classmethod
-    def of(cls, scene: Normalised, options: Options) -> ExactRun:
-        """Make the run for the scene's law of friction."""
-        from fivcore.transient.exact_falling import FallingRun
-
-        return (cls if scene.friction.constant else FallingRun)(scene, options)
 
     def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
         goal = last * self.step
@@ -266,24 +259,6 @@ def penalised(model: ReducedModel) -> ReducedModel:
     K = PENALTY * omega**2 * np.diag(1.0 / np.maximum(np.diag(model.W), 1e-3 * model.W.max()))
     # A little more than critical: two coincident eigenvalues would have no basis.
     return replace(model, K=K, C=2.2 / (np.sqrt(PENALTY) * omega) * K)
-
-
-def states_at(
-    scene: Normalised, times: Array, *, ramp: float, cutoff: float | None = None, initial: State | None = None
-) -> Array:
-    """Exact motion at ascending `times` (m,), s; the others are arguments of `ExactRun`.
-
-    Returns modal displacements, modal velocities, those of P2 relative to its clamp, and (u_N, u_T),
-    (m, 2n + 2); displacements are deviations from those under the load alone; normalised (F = 1).
-    """
-    end = float(times[-1]) + DWELL
-    run = ExactRun.of(scene, Options(end, "exact", ramp=ramp, cutoff=cutoff, initial=initial, step=end))
-    states = []
-    for t in times:
-        while run._stop <= t:
-            run._next_status()
-        states.append(run._state_at(float(t)))
-    return np.stack(states)
 
 
 class Status(NamedTuple):

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore import Rig, Scene, Structure, checks, glued_frequencies, painleve_mu
+from fivcore import Friction, Rig, Scene, Structure, checks, glued_frequencies, painleve_mu
 from studies import labels, paper, spec, summary, uncertainty
 from studies.motion import ensemble, regimes, run
 from studies.motion.jobs import outcomes
-from studies.parameters import RIG, RUN, SCENE, Parameter, rig_numbers, suggest, unusual, warn_unusual
+from studies.parameters import RIG, RUN, SCENE, SLIDING, Parameter, rig_numbers, suggest, unusual, warn_unusual
 from studies.plotting import figures, planes
 from studies.request import Request, assignment, structure_of
 from studies.results import MAPS, configuration, results_folder, settings, structure_in
-from studies.stability import first_growth, largest_growth
+from studies.stability import first_growth, growths
 from studies.study import Study
 from sweeps import FAILED, InputError, Plan, Refinement, Variable, check_counts, refined, refinement_report
 
@@ -42,14 +42,18 @@ PROBABILITY = {"probability_unstable": ("1", "probability of instability")}
 PROBABILITY |= {f"{name}_se": ("1", f"standard error of the {text}") for name, (_, text) in PROBABILITY.items()}
 
 
-def growth(rig: Rig, theta: Any, mu: Any) -> dict[str, Any]:
+def growth(rig: Rig, theta: Any, mu: Any, **sliding: Any) -> dict[str, Any]:
     """The least stable mode of steady sliding, and the number of unstable ones."""
-    return dict(zip(GROWTH, map(np.atleast_1d, largest_growth(rig, theta, mu)), strict=True))
+    return dict(zip(GROWTH, map(np.atleast_1d, growths(rig, theta, mu, **sliding)), strict=True))
 
 
-def onset(rig: Rig, theta: Any) -> dict[str, Any]:
+def onset(rig: Rig, theta: Any, **sliding: Any) -> dict[str, Any]:
     """The lowest onset of flutter; NaN without one."""
-    found = [first_growth(rig, angle, run.BAND, MU_MAX) for angle in np.ravel(theta).tolist()]
+    columns = np.broadcast_arrays(np.atleast_1d(theta), *(sliding[name] for name in SLIDING))
+    found = [
+        first_growth(rig, angle, run.BAND, MU_MAX, friction=Friction(*law), V=V, F=F)
+        for angle, V, F, *law in zip(*(column.tolist() for column in columns), strict=True)
+    ]
     return dict(zip(ONSET, np.transpose(found), strict=True))
 
 
@@ -257,13 +261,13 @@ def _mark_paper(axes: Any, dataset: xr.Dataset, dims: list[str]) -> None:
 RUNS = ensemble.members(1) | ensemble.until(0.3, 16.0)
 DRAWS = {"samples": (1024, "number of uncertain rigs"), "seed": (0, "seed of the random numbers")}
 MODEL = {name: RUN[name] for name in ("cutoff", "numerical_damping")}
-BEAMS = {"beams": True}
+BEAMS, STEADY = {"beams": True}, {"normalised": True}
 LIMIT = {"painleve_mu": ("1", "mu from which on the contact force is not unique")}
 DRAWN = {name: Parameter(value, "1", text, common=True) for name, (value, text) in DRAWS.items()}
 # Group, title, parameters besides those of the rig and the scene, outputs, function, and the rest.
 GROUPS: tuple[tuple[str, str, Any, Any, Any, dict[str, Any]], ...] = (
-    ("growth", "Least stable mode of steady sliding (modes below 10 kHz)", {}, GROWTH, growth, {}),
-    ("onset", "Lowest μ at which steady sliding flutters (modes below 10 kHz)", {}, ONSET, onset, {}),
+    ("growth", "Least stable mode of steady sliding (modes below 10 kHz)", SLIDING, GROWTH, growth, STEADY),
+    ("onset", "Lowest μ at which steady sliding flutters (modes below 10 kHz)", SLIDING, ONSET, onset, STEADY),
     ("contact_limit", "Uniqueness of the contact force", MODEL, LIMIT, contact_limit, {}),
     ("glued", "Natural frequencies of the beams glued at the contact", {}, GLUED, glued, BEAMS),
     ("motion", "Motion", RUNS, MOTION, motion, {"check": ensemble.check, "normalised": True, "chaotic": True}),

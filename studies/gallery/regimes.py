@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from fivcore import Scene, Transient
 from fivcore.contact.reduced import reduced_model
-from fivcore.transient.fast.steady import steady_sliding
+from fivcore.stability.falling import steady
+from fivcore.structure import structure_of
+from fivcore.transient.fast.steady import falling_eigenvalues, steady_sliding
 from fivcore.transient.published import with_numerical_damping
 from studies import labels, paper, summary
 from studies.claims import Claim, is_papers_rig
@@ -22,7 +24,7 @@ from studies.motion.regimes import KINDS
 from studies.plotting import figures, planes
 from studies.results import rig_of
 from studies.spec import evenly, logarithmically
-from studies.stability import first_growth, largest_growth
+from studies.stability import first_onsets, largest_growth, sliding_of
 from studies.study import Parameter, Study
 from sweeps import DONE, FAILED, Variable
 
@@ -84,25 +86,28 @@ def linear_stability(scene: Scene, cutoff: float | None, numerical_damping: str)
     those grow depends on both; a scene that vibrates although none does is subcritical.
     """
     theta, mu = scene.drive_theta, scene.mu
-    rate, frequency, unstable = largest_growth(scene.rig, theta, mu, run.BAND)
+    rate, frequency, unstable = largest_growth(scene.rig, theta, mu, run.BAND, **sliding_of(scene))
     values = {"growth_rate": rate, "growth_frequency": frequency, "unstable_modes": unstable}
     rig = with_numerical_damping(scene.rig, run.METHOD, numerical_damping)
     model = reduced_model(rig, theta, cutoff)
+    friction, eigenvalues = scene.friction, np.empty(0, dtype=complex)
     # In rigid contact only rounding holds the gap of a lasting contact: there is no such map.
-    steady = steady_sliding(model, mu, model.default_step) if model.K.any() else None
+    if model.K.any() and not friction.constant:
+        kinetic, fall = steady(structure_of(rig, theta), friction, mu, abs(scene.V), scene.F)
+        eigenvalues = falling_eigenvalues(model, kinetic, fall, model.default_step)
+    elif model.K.any():
+        slides = steady_sliding(model, mu * friction.kinetic_ratio, model.default_step)
+        eigenvalues = eigenvalues if slides is None else slides.eigenvalues
     model_rate = model_frequency = np.nan
-    if steady is not None and len(steady.eigenvalues):
-        top = steady.eigenvalues[np.argmax(steady.eigenvalues.real)]
+    if len(eigenvalues):
+        top = eigenvalues[np.argmax(eigenvalues.real)]
         model_rate, model_frequency = float(top.real), abs(float(top.imag)) / (2.0 * np.pi)
     return values | {"model_growth_rate": model_rate, "model_growth_frequency": model_frequency}
 
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:
     """Add where steady sliding loses its stability, and how the motion of each point compares with that."""
-    rig, highest = rig_of(dataset), float(dataset["mu"].max())
-    onset = np.full((2, dataset.sizes["theta"]), np.nan)
-    for k, theta in enumerate(dataset["theta"].values if highest > 0.0 else ()):
-        onset[:, k] = first_growth(rig, float(theta), run.BAND, highest)
+    dims, *onset = first_onsets(dataset, rig_of(dataset))
     text = f"lowest mu at which steady sliding flutters (modes {BELOW}), up to the largest mu of the grid"
     codes = xr.Variable(
         dataset["regime"].dims,
@@ -115,8 +120,8 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
         {"dtype": "int8", "_FillValue": np.int8(np.iinfo(np.int8).min)},
     )
     return dataset.assign(
-        onset_mu=("theta", onset[0], {"units": "1", "long_name": text}),
-        onset_frequency=("theta", onset[1], {"units": "Hz", "long_name": f"frequency at the {text}"}),
+        onset_mu=(dims, onset[0], {"units": "1", "long_name": text}),
+        onset_frequency=(dims, onset[1], {"units": "Hz", "long_name": f"frequency at the {text}"}),
         verdict=codes,
     )
 
@@ -182,7 +187,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         pd.DataFrame(found, columns=["verdict", "scenes", "where"]),
     )
     if np.isfinite(dataset["onset_mu"]).any():
-        onsets = summary.frame(dataset, ["theta", "onset_mu", "onset_frequency"])
+        onsets = summary.frame(dataset, [*map(str, dataset["onset_mu"].dims), "onset_mu", "onset_frequency"])
         yield f"Lowest mu at which steady sliding flutters (modes {BELOW})", onsets
 
 
@@ -313,8 +318,8 @@ def _draw_onset(axes: Axes, point: xr.Dataset, x: str, y: str) -> bool:
         return False
     # Seen on any colour.
     look = ONSET | {"path_effects": [patheffects.withStroke(linewidth=2.0, foreground="white")]}
-    if y == "mu" and x == "theta":
-        axes.plot(point["theta"].values, onset, **look)
+    if y == "mu" and point["onset_mu"].dims == (x,):
+        axes.plot(labels.readable(point[x]).values, onset, **look)
     elif onset.ndim == 0:
         (axes.axhline if y == "mu" else axes.axvline)(float(onset), **look)
     return True

@@ -13,9 +13,16 @@ from fivcore import OnsetCurves, Rig, onset_curves
 from studies import paper, results, spec, summary
 from studies.claims import Claim, is_papers_rig, rig_text
 from studies.motion.run import BAND
-from studies.parameters import Parameter
+from studies.parameters import SLIDING, Parameter
 from studies.plotting import figures, general, planes
-from studies.stability import first_growth, intervals_summary, largest_growth, with_flags, with_unstable_intervals
+from studies.stability import (
+    first_onsets,
+    friction_in,
+    growths,
+    intervals_summary,
+    with_flags,
+    with_unstable_intervals,
+)
 from studies.study import Study
 from sweeps import Variable
 
@@ -50,9 +57,9 @@ STYLES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (1.3, 1.3)), (0, (6, 1.5, 1.3
 FAINTEST = 0.01
 
 
-def plane(rig: Rig, theta: np.ndarray, mu: np.ndarray) -> dict[str, np.ndarray]:
+def plane(rig: Rig, theta: np.ndarray, mu: np.ndarray, **sliding: Any) -> dict[str, np.ndarray]:
     """Growth rate and frequency of the least stable mode, and the number of unstable pairs."""
-    return dict(zip(OUTPUTS, largest_growth(rig, theta, mu), strict=True))
+    return dict(zip(OUTPUTS, growths(rig, theta, mu, **sliding), strict=True))
 
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:
@@ -65,6 +72,8 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
     rig = results.rig_of(dataset)
     if not isinstance(rig, Rig):
         comment = "a structure has one inclination"
+    elif friction_in(dataset).kinetic_ratio != 1.0:
+        comment = "friction depends on the speed"
     elif mu.max() > 0.0:
         try:
             curves = onset_curves(rig, theta, BAND, float(mu.max()))
@@ -78,8 +87,8 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
     table = np.pad([curves.mu, curves.frequency], ((0, 0), (0, 0), (0, 1)), constant_values=np.nan)
     first = np.where(np.isnan(table[0]), np.inf, table[0]).argmin(axis=1)
     lowest = table[:, np.arange(len(theta)), first]
-    if not isinstance(rig, Rig) and mu.max() > 0.0:
-        lowest = np.transpose([first_growth(rig, 0.0, BAND, float(mu.max()))])
+    if comment:
+        lowest = np.array(first_onsets(dataset, rig)[1:])
     text = "at the lowest flutter onset; pairs that enter the band unstable are not counted"
     added["onset_mu"] = "theta", lowest[0], "1", f"coefficient of friction {text}"
     added["onset_frequency"] = "theta", lowest[1], "Hz", f"frequency {text}"
@@ -244,11 +253,13 @@ STUDY = Study(
     parameters={
         "theta": Parameter(spec.evenly(-10.0, 20.0, 241), "degree", "inclination of P1"),
         "mu": Parameter(spec.evenly(0.0, 0.5, 201), "1", "coefficient of friction"),
-    },
+    }
+    | SLIDING,
     outputs=OUTPUTS,
     function=plane,
     derive=derive,
     summary=summarise,
     figure=draw,
     claims=CLAIMS,
+    normalised=True,
 )

@@ -79,7 +79,7 @@ def inclinations(scenes: Sequence[Scene], members: int, **run: Any) -> dict[str,
 
 def unstable_pairs(scene: Scene) -> dict[str, Any]:
     """Number of the unstable pairs; frequency and growth rate of the least stable ones, ascending in frequency."""
-    modes = sliding_modes(scene.rig, scene.drive_theta, scene.mu, BAND)
+    modes = sliding_modes(scene.rig, scene.drive_theta, scene.mu, BAND, **stability.sliding_of(scene))
     unstable = np.flatnonzero(modes.unstable)
     least_stable = np.argsort(-modes.growth_rate[unstable], kind="stable")[:PAIRS]
     chosen = np.sort(unstable[least_stable])  # modes ascend in frequency

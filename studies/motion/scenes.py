@@ -1,20 +1,21 @@
 """From numbers to rigs and scenes, and which scenes are equivalent.
 
-(a V, a F) moves a times as far as (V, F), and (-theta, -V) is the mirror image of (theta, V). (theta, V) and
-(-theta, V) differ: theta turns with V, never by itself.
+(a V, a F) with the decay speed a v_d moves a times as far as (V, F) with v_d, and (-theta, -V) is the mirror image
+of (theta, V). (theta, V) and (-theta, V) differ: theta turns with V, never by itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Rig, Scene, Structure
+from fivcore import Friction, Rig, Scene, Structure
 from fivcore.transient.normalised import Normalised
-from studies.parameters import RIG, SCENE
+from studies.parameters import FRICTION, RIG, SCENE
 from sweeps import InputError
 
 
@@ -28,67 +29,82 @@ def rig_of(numbers: Mapping[str, Any]) -> Any:
         raise InputError(str(problem)) from None
 
 
-def scene_of(numbers: Mapping[str, Any], rig: Rig | Structure) -> Scene:
-    """The scene of one value of V, theta, mu and F."""
-    _check_drive(numbers["V"], rig)
-    return Scene(**{name: float(numbers[name]) for name in SCENE}, rig=rig)
+def friction_of(numbers: Mapping[str, Any]) -> Friction:
+    """The law of friction of one value of each parameter; by default friction does not fall."""
+    try:
+        return Friction(**{name: numbers[name] for name in FRICTION if name in numbers})
+    except ValueError as problem:
+        raise InputError(str(problem).replace("Friction: ", "")) from None
 
 
-def scenes_of(numbers: Mapping[str, Any], count: int, normalised: bool = False) -> list[Scene]:
-    """One scene for each point; every parameter is one value or has an entry for each of `count` points.
+def scene_of(numbers: Mapping[str, Any]) -> Scene:
+    """The scene of one value of V, theta, mu and F, and of the parameters of its rig and its friction."""
+    return scenes_of(numbers, 1)[0]
 
-    With `normalised`, the scaled scenes with V > 0 and F = 1.
-    """
-    rig = rig_of(numbers)
-    columns = {name: np.broadcast_to(np.asarray(numbers[name], dtype=float), count) for name in SCENE}
-    _check_drive(columns["V"].min(), rig)
-    if normalised:
-        speed, theta, mu = coordinates(columns)
-        columns = {"V": speed, "theta": theta, "mu": mu, "F": np.ones(count)}
+
+def scenes_of(numbers: Mapping[str, Any], count: int) -> list[Scene]:
+    """One scene for each point; every parameter is one value or has an entry for each of `count` points."""
+    rig, columns = rig_of(numbers), _columns(numbers, count)
+    law = cache(lambda *values: friction_of(dict(zip(FRICTION, values, strict=True))))
     return [
-        Scene(V, theta, mu, F, rig)
-        for V, theta, mu, F in zip(*(columns[name].tolist() for name in SCENE), strict=True)
+        Scene(V, theta, mu, F, rig, law(*values))
+        for V, theta, mu, F, *values in zip(*(column.tolist() for column in columns.values()), strict=True)
     ]
 
 
-def _check_drive(V: float, rig: Rig | Structure) -> None:
-    if isinstance(rig, Structure) and V < 0.0:
-        raise InputError(f"V = {V:g}: it must be above 0 with a structure; turn the sign of its tangential row")
+def normalised(numbers: Mapping[str, Any], count: int, *, steady: bool = False) -> dict[str, NDArray[Any]]:
+    """Parameters of the scaled scene with V > 0 and F = 1 of each point; what changes nothing has one value.
+
+    With `steady` those of steady sliding, which V and F change only where friction falls with the speed.
+    """
+    points = _columns(numbers, count)
+    constant, jump = points["kinetic_ratio"] == 1.0, points["decay_speed"] == 0.0
+    falls, usual = ~(constant | jump), {name: p.default for name, p in FRICTION.items()}
+    speed, decay_speed = points["V"], np.where(falls, points["decay_speed"], 1.0)
+    if steady:
+        speed = np.where(falls, speed, np.sign(speed) * points["F"])
+    return points | {
+        "V": _per_load(speed, points["F"]),
+        # Adding zero makes -0 of a turned 0 what it equals.
+        "theta": np.where(speed > 0.0, points["theta"], -points["theta"]) + 0.0,
+        "F": np.ones(count),
+        "decay_speed": np.where(
+            falls, _per_load(decay_speed, points["F"]), np.where(constant, usual["decay_speed"], 0.0)
+        ),
+        "decay": np.where(falls, points["decay"], usual["decay"]),
+    }
 
 
-def coordinates(points: Mapping[str, Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Speed per load (m/s/N), theta (degrees) and mu of the normalised scene of each point."""
-    V, F, mu = (np.asarray(points[name], dtype=float) for name in ("V", "F", "mu"))
-    # V / F is rounded as the solver rounds it; each pair once, for a grid has far fewer pairs than points.
-    speeds, which = np.unique(V, return_inverse=True)
-    loads, under = np.unique(F, return_inverse=True)
-    pairs, place = np.unique(which * len(loads) + under, return_inverse=True)
-    speed_per_load = [
-        Normalised.of(
-            Scene(float(speeds[pair // len(loads)]), 0.0, 0.0, float(loads[pair % len(loads)]))
-        ).speed_per_load
-        for pair in pairs
-    ]
-    # Adding zero makes -0 of a turned 0 what it equals.
-    theta = np.where(V > 0.0, points["theta"], -np.asarray(points["theta"], dtype=float)) + 0.0
-    return np.asarray(speed_per_load)[place], theta, mu
+def _per_load(speed: NDArray[Any], load: NDArray[Any]) -> NDArray[Any]:
+    """Speeds per load, m/s/N, rounded as the solver rounds them."""
+    # Each pair once, for a grid has far fewer pairs than points.
+    pairs, place = np.unique(speed + 1j * load, return_inverse=True)
+    values = [Normalised.of(Scene(pair.real, 0.0, 0.0, pair.imag)).speed_per_load for pair in pairs.tolist()]
+    return np.asarray(values)[place]
 
 
-def key(points: Mapping[str, Any], *, fixed: Mapping[str, float], others: Sequence[str]) -> NDArray[Any]:
-    """Equal rows for points whose scenes are equivalent and whose `others` are equal."""
-    codes = [np.unique(points[name], return_inverse=True)[1] if points[name].dtype.kind == "U" else points[name]
-             for name in others]  # fmt: skip
-    return np.stack([*coordinates(_complete(points, fixed)), *(np.asarray(c, dtype=float) for c in codes)], axis=1)
+def key(
+    points: Mapping[str, Any], *, fixed: Mapping[str, Any], others: Sequence[str], steady: bool
+) -> NDArray[Any]:
+    """Equal rows for points whose scenes, or `steady` sliding, are equivalent and whose `others` are equal."""
+    scaled = normalised({**fixed, **points}, len(next(iter(points.values()))), steady=steady)
+    columns = [*scaled.values(), *(points[name] for name in others)]
+    codes = [np.unique(c, return_inverse=True)[1] if c.dtype.kind == "U" else c for c in columns]
+    return np.stack([np.asarray(code, dtype=float) for code in codes], axis=1)
 
 
-def factors(points: Mapping[str, Any], *, fixed: Mapping[str, float]) -> dict[str, NDArray[Any]]:
+def factors(points: Mapping[str, Any], *, fixed: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     """Factors of the outputs of normalised scenes: `load`, and `along`, which has the sign of V too."""
-    numbers = _complete(points, fixed)
+    numbers = _columns({**fixed, **points}, len(next(iter(points.values()))))
     return {"load": numbers["F"], "along": numbers["F"] * np.sign(numbers["V"])}
 
 
-def _complete(points: Mapping[str, Any], fixed: Mapping[str, float]) -> dict[str, NDArray[Any]]:
-    count = len(next(iter(points.values())))
-    return {
-        name: np.broadcast_to(np.asarray(points.get(name, fixed.get(name)), dtype=float), count) for name in SCENE
+def _columns(numbers: Mapping[str, Any], count: int) -> dict[str, NDArray[Any]]:
+    """Each parameter of a scene and its friction, by default the usual one, with an entry for each point."""
+    columns = {
+        name: np.broadcast_to(np.asarray(numbers.get(name, p.default), dtype=None if p.choices else float), count)
+        for name, p in (SCENE | FRICTION).items()
     }
+    if numbers.get("structure") is not None and (V := columns["V"].min()) < 0.0:
+        raise InputError(f"V = {V:g}: it must be above 0 with a structure; turn the sign of its tangential row")
+    return columns

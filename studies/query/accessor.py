@@ -11,8 +11,9 @@ import xarray as xr
 
 from fivcore import Rig, Scene
 from studies import runner, summary
+from studies.motion.scenes import scene_of
 from studies.nearest import nearest
-from studies.parameters import RIG, SCENE
+from studies.parameters import FRICTION, RIG, SCENE
 from studies.query.query import select
 from sweeps import InputError
 
@@ -40,23 +41,26 @@ class Accessor:
         """The study's figure, a `matplotlib.figure.Figure`."""
         return runner.draw(runner.study_of(self._dataset), self._dataset)[""]
 
-    def scene(self, **at: float) -> Scene:
+    def scene(self, **at: float | str) -> Scene:
         """The scene where axes have the values `at`, or near ones: ``data.fiv.scene(V=2e-3)``."""
-        numbers = _numbers(self._dataset, [*SCENE, *RIG], at)
-        return Scene(**{name: numbers.pop(name) for name in SCENE}, rig=Rig.of(**numbers))
+        # A file without any parameter of friction is of friction that does not fall.
+        law = FRICTION if not FRICTION.keys().isdisjoint(self._dataset.coords) else {}
+        return scene_of(_numbers(self._dataset, [*SCENE, *RIG, *law], at))
 
-    def rig(self, **at: float) -> Rig:
+    def rig(self, **at: float | str) -> Rig:
         """The rig there."""
         return Rig.of(**_numbers(self._dataset, RIG, at))
 
 
-def _numbers(dataset: xr.Dataset, names: Collection[str], at: Mapping[str, float]) -> dict[str, Any]:
-    """Numbers of a point, which must all be in the file."""
+def _numbers(dataset: xr.Dataset, names: Collection[str], at: Mapping[str, float | str]) -> dict[str, Any]:
+    """Numbers of a point, which must all be in the file, and its word of friction."""
     axes = {str(name): array for name, array in dataset.coords.items() if array.dtype.kind in "iuf"}
+    axes |= {name: dataset[name].astype(str) for name in FRICTION if name in dataset.coords and name not in axes}
     for name, number in at.items():
-        if name not in axes or not isinstance(number, Real):
+        word = name in axes and axes[name].dtype.kind == "U"
+        if name not in axes or not isinstance(number, str if word else Real):
             raise InputError(f"{name} = {number!r}: it must be one number of an axis; these are {', '.join(axes)}")
-        value, is_near = nearest(axes[name], number)
+        value, is_near = (number, number in axes[name]) if word else nearest(axes[name], float(number))
         if not is_near:
             raise InputError(f"{name} = {number}: the result has no such value; the nearest is {value}")
         dataset = dataset.isel({dim: np.flatnonzero(dataset[name] == value) for dim in dataset[name].dims})

@@ -15,7 +15,7 @@ from markupsafe import Markup
 
 import sweeps
 from studies import labels, registry, results, runner, summary
-from studies.parameters import RIG, SCENE
+from studies.parameters import KNOWN
 from studies.report.section import Result, Tell, content, date, reason
 from sweeps import InputError, MissingFileError
 
@@ -135,6 +135,6 @@ def symbols() -> pd.DataFrame:
     """Every parameter of a scene and its rig, with the paper's value."""
     rows = [
         (labels.SYMBOLS.get(name, name), p.text, labels.named(name, p.default, p.units).partition(" = ")[2])
-        for name, p in (SCENE | RIG).items()
+        for name, p in KNOWN.items()
     ]
     return pd.DataFrame(rows, columns=["parameter", "meaning", "the paper's value"])

@@ -14,6 +14,7 @@ from fivcore import ContactError, DivergenceError, Rig, Scene, Transient, painle
 from fivcore.contact.reduced import ReducedModel, full_model, reduced_model
 from fivcore.contact.step_map import largest_stable_step, stable
 from fivcore.transient import exact, published
+from fivcore.transient.exact_run import states_at
 from fivcore.transient.normalised import Normalised, State, slip_distance
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 from studies.motion.run import SCALED
@@ -229,8 +230,8 @@ def _contact_law(spec: RunSpec, run: Transient) -> dict[str, Check]:
     peak = max(float(np.abs(N).max()), spec.arguments["F"])
     separated, (landing, stopping) = state == SEPARATION, np.zeros((2, len(state)), dtype=bool)
     if spec.method == "fast" and not spec.model.K.any():
-        # In rigid contact the step of an impact is left out: its mean velocity may differ in sign from the next. So
-        # is the step in which slip ends.
+        # In rigid contact the step of an impact is left out: its mean velocity may differ in sign from the next.
+        # So is the step in which slip ends.
         landing[1:], stopping[1:] = separated[:-1], state[:-1] == SLIP
     slips, sticks, bound = (state == SLIP) & ~landing, (state == STICK) & ~landing & ~stopping, ROUNDING
     law = {"normal": (float(max(0.0, -N.min())) / peak, ROUNDING)}
@@ -275,7 +276,7 @@ def _gap(spec: RunSpec, run: Transient) -> float:
     at, n = np.unique(np.linspace(0, len(run.time) - 1, INSTANTS).astype(int)), len(model.rest)
     options = {"cutoff": None, **spec.chosen("cutoff", "ramp")}
     options["initial"] = first and State(first[0] / load, first[1] / load, first[2])
-    q, v, u = np.split(exact.states_at(Normalised.of(spec.scene), run.time[at], **options), [n, 2 * n], axis=1)
+    q, v, u = np.split(states_at(Normalised.of(spec.scene), run.time[at], **options), [n, 2 * n], axis=1)
     opening, rate, gap = (q + model.rest) @ model.normal, v @ model.normal, q @ model.normal + u[:, 0]
     T, N, sense = run.tangential_force / load, run.normal_force / load, float(np.sign(spec.arguments["V"]))
     across, tau = np.linalg.inv(model.K)[0], float(model.C[0, 0] / model.K[0, 0])

@@ -31,7 +31,7 @@ WRONG = [
     ("run fig5 --set mu", "--set 'mu': it must be NAME=VALUE, for example mu=0:0.5:101"),
     ("run fig5 --set p1_length=50 --strict", "p1_length = 50 m is unusual: 0.005 to 2 m is usual; mm without"),
     ("run scenes --set V=0", "V = 0: the drive must move; usual are 1e-07 to 0.5 m/s"),
-    ("run scenes --set mu_static=0.3", "friction has one constant mu (README)"),
+    ("run scenes --set mu_static=0.3", "friction falls with the speed by kinetic_ratio"),
     ("plan scenes --record velocity", "record = 'velocity': no such series; did you mean velocity_B?"),
     ("plan fig5 --samples 4", "--samples 4: it is for draws; give a distribution with --scatter"),
     ("plan fig5 --scatter mu=0.2", "--scatter 'mu=0.2': it must be NAME=DIST, for example"),

@@ -124,7 +124,7 @@ def test_studies_are_loaded_without_matplotlib():
     [
         ("fivcore", (".py",), 8450),
         ("sweeps", (".py",), 4510),
-        ("studies", (".py",), 10_700),
+        ("studies", (".py",), 11_050),
         ("studies", (".js", ".css", ".j2"), 500),
         ("tests/sweeps", (".py",), 2950),
         ("tests", (".py",), 15_600),

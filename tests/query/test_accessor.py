@@ -6,9 +6,9 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 import studies.query.accessor  # noqa: F401 - registers `.fiv`
-from fivcore import Rig, Scene
+from fivcore import Friction, Rig, Scene
 from studies import registry
-from studies.parameters import RIG, rig_numbers
+from studies.parameters import FRICTION, RIG, rig_numbers
 from studies.query.query import select
 from studies.study import Study
 from sweeps import InputError
@@ -31,6 +31,21 @@ def test_scene_and_rig_are_those_of_the_file():
     assert result().isel(V=0).fiv.scene(p1_length=0.06) == Scene(1e-3, 5.0, 0.3, 5.0, OWN)
     assert result().fiv.scene(theta=7, p1_length=0.05).rig == Rig.of(**rig_numbers(OWN) | {"p1_length": 0.05})
     assert result().drop_vars(["V", "mu"]).fiv.rig(p1_length=0.06) == OWN
+
+
+def test_the_law_of_friction_is_that_of_the_file():
+    """Words vary like numbers; a file of before, without any, is of friction that does not fall."""
+    words = {"decay": ("decay", ["exponential", "rational"])}
+    data = result(kinetic_ratio=0.7, decay_speed=0.02).drop_vars("p1_length").isel(p1_length=0)
+    data = data.assign_coords(words | {"p1_length": 0.06})
+    found = data.fiv.scene(V=2e-3, decay="rational")
+    assert found == Scene(2e-3, 6.0, 0.3, 5.0, OWN, Friction(0.7, 0.02, "rational"))
+    for decay, message in (("linear", "no such value"), (1.0, "must be one number of an axis")):
+        with pytest.raises(InputError, match=message):
+            data.fiv.scene(V=2e-3, decay=decay)
+    for name in FRICTION:
+        with pytest.raises(InputError, match=f"^{name}: "):
+            data.drop_vars(name).fiv.scene(V=2e-3, **{} if name == "decay" else {"decay": "rational"})
 
 
 @pytest.mark.parametrize("name", [*RIG, "V", "theta", "mu", "F"])

@@ -8,16 +8,17 @@ import pytest
 
 from fivcore import Beam, Rig
 from studies import parameters, spec
-from studies.parameters import RIG, RUN, SCENE, Parameter, unusual
+from studies.parameters import FRICTION, RIG, RUN, SCENE, Parameter, unusual
 from studies.request import Request, rows
 from studies.study import Study
 from sweeps import InputError
 from tests.helpers.rigs import workshop_rig
 
-ALL, WORDS = RIG | SCENE | RUN, ["alpha", "beta"]
+ALL, WORDS = RIG | SCENE | FRICTION | RUN, ["alpha", "beta"]
 STUDY = Study("own", "Own", "Why?", RUN, {"y": ("1", "y")}, lambda scenes, **run: {})
 TYPED = dict(
-    V="2mm/s", theta="5deg", mu="20%", F="9N", ramp="1ms", cutoff="auto", skip_long_sticks="1",
+    V="2mm/s", theta="5deg", mu="20%", F="9N", kinetic_ratio="100%", decay_speed="1cm/s", decay="exponential",
+    ramp="1ms", cutoff="auto", skip_long_sticks="1",
     numerical_damping="none", contact_position="80mm", head_mass="2943.4g", d1="50 s-1", d2="10ns",
     p1_length="5cm", p1_width="10mm", p1_thickness="1.5mm", p1_density="7.9g/cm3", p1_young_modulus="185GPa",
     p2_length="15cm", p2_width="15mm", p2_thickness="3mm", p2_density="7900", p2_young_modulus="185e9",
@@ -93,7 +94,8 @@ def test_lists_ranges_draws_and_columns_are_speeds_of_the_drive(tmp_path):
     ("length", "5mm", "2m", 50.0), ("width", "1mm", "50cm", 10.0), ("thickness", "0.1mm", "10cm", 1.5),
     ("young_modulus", "0.1GPa", "1500GPa", 185.0), ("density", "0.1g/cm3", "25g/cm3", 7.9),
     ("contact_position", "1mm", "2m", 80.0), ("F", "1mN", "10kN", 9e6), ("head_mass", "1g", "1000kg", 2943.4),
-    ("d1", "1e-6", "1e4", 5e7), ("d2", "1ps", "0.1ms", 0.01),
+    ("d1", "1e-6", "1e4", 5e7), ("d2", "1ps", "0.1ms", 0.01), ("decay_speed", "1µm/s", "1m/s", 10.0),
+    ("kinetic_ratio", "0.1", "100%", 50.0),
 ])  # fmt: skip
 def test_a_value_beyond_the_usual_is_reported_with_the_unit_that_mends_it(kind, least, most, mistake):
     for name in [kind] if kind in ALL else [f"p1_{kind}", f"p2_{kind}"]:
@@ -112,7 +114,7 @@ def test_a_value_beyond_the_usual_is_reported_with_the_unit_that_mends_it(kind, 
         assert text.startswith(f"{name} = {mistake:g} {units}".removesuffix(" 1") + " is unusual: ")
         # A parameter of a study of one's own may have the name of a number of a beam.
         assert not unusual({"length": mistake, "density": mistake}, {"length", "density"})
-        assert bool(hint) == (kind not in ("mu", "F", "head_mass", "d1", "d2"))
+        assert bool(hint) == (kind not in ("mu", "F", "kinetic_ratio", "head_mass", "d1", "d2"))
         if hint:
             assert hint.endswith(" degrees" if kind == "theta" else " without the unit?")
             again = spec.parse(f"{mistake}{hint.split()[0].strip('?')}", name, units)

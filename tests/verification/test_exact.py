@@ -9,11 +9,12 @@ from numpy.polynomial.polynomial import polyval
 from fivcore import DivergenceError, Rig, Scene, simulate
 from fivcore.contact.reduced import full_model, reduced_model
 from fivcore.transient import exact
-from fivcore.transient.exact import ExactRun, states_at
+from fivcore.transient.exact import ExactRun
 from fivcore.transient.exact_kernels import waves_at
+from fivcore.transient.exact_run import states_at
 from fivcore.transient.normalised import Normalised, State, slip_distance
 from fivcore.transient.options import Options
-from fivcore.transient.statistics import ENERGIES
+from tests.helpers.exact_runs import counted, energy_residual, run_for
 from tests.helpers.rigs import workshop_rig
 
 RAMP, CUTOFF = 1e-3, 75e3
@@ -26,25 +27,6 @@ def exact_run(scene=SCENE, kind=ExactRun, duration=1.0, **given):
     """A run that counts from its start."""
     usual = {"ramp": RAMP, "cutoff": CUTOFF, "settle": 0.0}
     return kind(scene, Options(duration, "exact", **usual | given))
-
-
-def run_for(run):
-    """Take a run to its end."""
-    while not run.done:
-        run.advance()
-        assert run.flush(1e-150)
-    return run
-
-
-def counted(run, *names):
-    """Counters of a run."""
-    return np.array([float(run.record[name][0]) for name in names])
-
-
-def energy_residual(run):
-    work, *lost = counted(run, *ENERGIES)
-    parts = np.array([work, run.released_energy(), *(-part for part in lost)])
-    return float(abs(parts.sum()) / np.abs(parts).sum())
 
 
 class Reference:

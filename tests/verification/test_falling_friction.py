@@ -9,7 +9,7 @@ from scipy import linalg
 from fivcore import Friction, Rig, Scene, Structure, flutter_onsets, sliding_modes, sliding_onsets
 from fivcore.stability.falling import crossings
 from fivcore.stability.many import FlutterOnsets
-from tests.verification.test_structures import assert_same_set, drawn, within
+from tests.helpers.structures import assert_same_set, drawn, within
 
 FALLING = Friction(0.5, 0.02)
 XI = 0.05

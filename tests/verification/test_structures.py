@@ -9,35 +9,14 @@ from scipy import linalg
 
 from fivcore import Rig, flutter_onsets, glued_frequencies, onset_sensitivity, sliding_modes, tune_head_mass
 from fivcore.stability.many import FlutterOnsets
-from fivcore.structure import Structure, static_modes
+from fivcore.structure import Structure
 from tests.helpers.rigs import workshop_rig
+from tests.helpers.structures import assert_same_set, drawn, within
 
 BEAMS = [(Rig(), 5.0), (workshop_rig(1), 9.0), (workshop_rig(5), 12.0), (workshop_rig(14), 20.0)]
 
 
 @cache
-def drawn(seed, rayleigh=False):
-    """A structure and its frequency: 2 to 40 modes, ratios of 0 to 5 %, every other with a rigid motion."""
-    rng = np.random.default_rng(seed)
-    n, scale = int(rng.integers(2, 41)), 10.0 ** rng.uniform(-1.0, 4.0)
-    frequency = np.sort(scale * 10.0 ** rng.uniform(-1.5, 0.5, n))
-    frequency[0] *= seed % 2
-    normal, tangential = rng.normal(size=(2, n))
-    damping = {"damping_ratio": rng.uniform(0.0, 0.05, n)}
-    if rayleigh:
-        damping = {"d1": 10.0 ** rng.uniform(-3.0, 0.0) * scale, "d2": 10.0 ** rng.uniform(-5.0, -2.0) / scale}
-    load = -normal * rng.uniform(0.1, 1.0, n)
-    own = Structure.from_modes(frequency, normal, tangential, load=load, **damping)
-    if seed % 4 < 2:
-        return own, scale
-    root = rng.normal(size=(3, 3)) * 0.05 * np.sqrt(n) / scale
-    stiffness, *rows = static_modes(root @ root.T, float(own.stiffness.max()))
-    rows = dict(zip(("normal", "tangential", "load"), rows, strict=True))
-    rows |= dict.fromkeys(("damping", "inertia", "output"), np.zeros(2)) | {"stiffness": stiffness}
-    rows = {name: np.append(getattr(own, name), row) for name, row in rows.items()}
-    return replace(own, static=2, **rows), scale
-
-
 def dense_exponents(own, mu):
     """Exponents with Im >= 0, of the modes with g_N = 0 and T = mu N as a matrix; static modes are a spring."""
     m = len(own.frequency)
@@ -56,21 +35,10 @@ def dense_exponents(own, mu):
     return unit * values[values.imag >= 0.0]
 
 
-def within(values, fmax):
-    omega = 2.0 * np.pi * fmax * (1.0 - 1e-6)
-    return values[(values.imag < omega) & (np.abs(values) < 2.0 * omega)]
-
-
 def exponents(own, mu, fmax):
     found = sliding_modes(own, 0.0, mu, fmax)
     values = found.growth_rate + 2j * np.pi * found.frequency
     return values[np.isfinite(values)]
-
-
-def assert_same_set(mine, theirs, error):
-    assert len(mine) == len(theirs)
-    for one, other in ((mine, theirs), (theirs, mine)):
-        assert all(np.abs(other - each).min() < error * np.abs(each) for each in one)
 
 
 @pytest.mark.parametrize(("rig", "theta"), BEAMS)

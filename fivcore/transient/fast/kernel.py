@@ -155,8 +155,8 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
         vT = added(free_vT, v_NT, impulse_N, v_TT, impulse_T) - (M_NT + drive)
         eN, eT = vN, vT
         if rigid and contact != STICK:
-            # A contact that begins or ends its slip has its gaps at rest over the free move that follows: the rates
-            # after the impulse are those that the last free move has undone by half.
+            # Where contact or stick begins, the gaps are to be at rest over the free move that follows: the rates
+            # after the impulse are half of what the last free move has changed, turned.
             if np.isnan(after_T):
                 after_N, after_T = -vN, -vT
             eT = 0.75 * vT - 0.25 * after_T

@@ -1,0 +1,172 @@
+"""Friction that falls with the sliding speed: the part of an instability is due to it, and how the rig moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from fivcore import Scene, Transient
+from studies import labels
+from studies.motion import ensemble, regimes
+from studies.motion.jobs import Job, outcomes
+from studies.parameters import FRICTION
+from studies.plotting import figures, general, planes
+from studies.spec import evenly, logarithmically
+from studies.stability import largest_growth, sliding_of
+from studies.study import Parameter, Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOTION = ("regime", "stick_fraction", "separation_fraction", "velocity_rms", "dominant_frequency")
+OUTPUTS = {
+    "growth_rate": ("s-1", "growth rate of steady sliding's least stable mode below 10 kHz"),
+    "growth_coupled": ("s-1", "share of coupled modes: the growth rate with the friction at V, constant"),
+    "growth_falling": ("s-1", "share of falling friction: what the fall adds to the growth rate"),
+    "growth_frequency": ("Hz", "frequency of the least stable mode below 10 kHz; 0: it does not oscillate"),
+} | {name: replace(variable, dtype="float32") if name != "regime" else variable
+     for name, variable in ensemble.outputs().items() if name in MOTION}  # fmt: skip
+# Of the kinetic ratios of which the growth rate is drawn.
+COLOURS = (figures.GREY, figures.BLUE, figures.ORANGE, figures.RED)
+# The mildest growth that a logarithmic scale shows, 1/s, and the look of where steady sliding is stable.
+FAINTEST, STABLE = 10.0, "#ececec"
+
+
+def shares(scene: Scene) -> dict[str, float]:
+    """Growth rate of the least stable mode, its two shares, and its frequency.
+
+    Let s(m, k) be the largest growth rate of steady sliding below 10 kHz with T' = m N' + k v', m = mu(V),
+    k = -N0 mu'(V). The share of coupled modes, with all damping, is s(m, 0): friction keeps the coefficient that
+    it has at V. That of falling friction is the rest, s(m, k) - s(m, 0), to first order k Re d(phi)/dk. The
+    oscillator x'' + 2 xi x' + x has the shares -xi and k / 2.
+    """
+    kinetic = scene.mu * scene.friction.ratio(scene.V)
+    growth, frequency, _ = largest_growth(scene.rig, scene.drive_theta, scene.mu, **sliding_of(scene))
+    coupled = largest_growth(scene.rig, scene.drive_theta, kinetic)[0]
+    return dict(zip(OUTPUTS, map(float, (growth, coupled, growth - coupled, frequency)), strict=False))
+
+
+def motions(scenes: Sequence[Scene], members: int, **options: Any) -> dict[str, Any]:
+    """Shares of the growth rate, and the motion, of each scene."""
+
+    def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
+        motion = ensemble.statistics(runs)
+        return shares(jobs[0].scene) | {name: motion[name] for name in MOTION}
+
+    return outcomes([ensemble.ensemble(scene, members, options) for scene in scenes], values)
+
+
+def mostly_falling(dataset: xr.Dataset) -> xr.DataArray:
+    """Where steady sliding is unstable and more than half of its growth rate is due to the fall."""
+    return (dataset["growth_rate"] > 0.0) & (dataset["growth_falling"] > 0.5 * dataset["growth_rate"])
+
+
+def summarise(dataset: xr.Dataset) -> Iterator[Any]:
+    """Where falling friction decides, how much it adds, and what each kinetic ratio does."""
+    unstable, falling, kinds = (
+        dataset["growth_rate"] > 0.0,
+        mostly_falling(dataset),
+        dataset["status"].copy(data=regimes.kinds(dataset)),
+    )
+    vibrates, without = (
+        kinds.copy(data=regimes.is_of(kinds.values, *regimes.VIBRATING)),
+        dataset["growth_coupled"] > 0,
+    )
+    counts = [int(each.sum()) for each in (unstable, without, falling, vibrates, vibrates & ~without)]
+    yield (
+        f"Steady sliding is unstable at {counts[0]} of {kinds.size} points, and would be at {counts[1]} if"
+        f" friction kept the coefficient that it has at V; the fall has over half of the growth at {counts[2]}."
+        f" The rig vibrates at {counts[3]}; at {counts[4]} of these it would slide steadily without the fall."
+    )
+    rows = []
+    for ratio in dataset["kinetic_ratio"].values:
+        at = {"kinetic_ratio": ratio}
+        codes, growth = kinds.sel(at), dataset["growth_rate"].sel(at)
+        texts = [f"{regimes.KINDS[code]} {_range(dataset, codes == code)}" for code in np.unique(codes)]
+        rows.append((ratio, float(growth.max()), _range(dataset, falling.sel(at)), ", ".join(texts)))
+    heads = ["kinetic ratio", "largest growth 1/s", "the fall has over half", "motion"]
+    yield "By kinetic ratio; ranges are speeds in mm/s", pd.DataFrame(rows, columns=heads)
+
+
+def _range(dataset: xr.Dataset, chosen: xr.DataArray) -> str:
+    """The least and the greatest speed of the chosen points, mm/s."""
+    others = [dim for dim in chosen.dims if dim != "V"]
+    values = labels.readable(dataset["V"]).values[chosen.any(others).values]
+    return " to ".join(dict.fromkeys(map(labels.number, (values.min(), values.max())))) if len(values) else "-"
+
+
+def draw(dataset: xr.Dataset) -> Figure:
+    """Growth rate and regime over speed and kinetic ratio, and both shares along the speed."""
+    from matplotlib.colors import ListedColormap, LogNorm
+
+    growth, kinds = dataset["growth_rate"], dataset["status"].copy(data=regimes.kinds(dataset))
+    if min(dataset.sizes["V"], dataset.sizes["kinetic_ratio"]) == 1 or not bool(growth.notnull().any()):
+        return general.draw(dataset)
+    figure, panels = figures.panels(3, 1, 16.0, 20.0, sharex=True, height_ratios=(1.0, 1.0, 1.3))
+    top, middle, below = panels
+    planes.cells(top, 0.0 * growth.where(growth <= 0.0), "V", "kinetic_ratio", cmap=ListedColormap([STABLE]))
+    grows = growth.where(growth > 0.0)
+    if bool(grows.notnull().any()):
+        largest = max(float(grows.max()), 10.0 * FAINTEST)
+        mesh = planes.cells(top, grows, "V", "kinetic_ratio", norm=LogNorm(FAINTEST, largest))
+        figure.colorbar(mesh, ax=top, pad=0.02, label="growth rate / (1/s)")
+    handles: list[Any] = [top.fill_between([], [], color=STABLE, edgecolor="black", label="stable")]
+    ends = [planes.edges(labels.readable(dataset[name]).values) for name in ("V", "kinetic_ratio")]
+    inside = mostly_falling(dataset).transpose("kinetic_ratio", "V")
+    for axes in (top, middle) if 0.0 < float(inside.mean()) < 1.0 else ():
+        # Twice the values at both ends of each cell: the contour follows the sides of the cells.
+        sides = [np.repeat(end, 2)[1:-1] for end in ends]
+        axes.contour(*sides, np.kron(inside, np.ones((2, 2))), levels=[0.5], colors="white", linewidths=3.0)
+        axes.contour(*sides, np.kron(inside, np.ones((2, 2))), levels=[0.5], colors="black", linewidths=1.5)
+    planes.regimes(middle, kinds, "V", "kinetic_ratio")
+    handles += below.plot([], [], color="black", linewidth=1.5, label="below: the fall has over half")
+    handles += planes.patches(kinds)
+    chosen = planes.subset(dataset.sizes["kinetic_ratio"], len(COLOURS))[::-1]
+    speeds = labels.readable(dataset["V"]).values
+    for k, colour in zip(chosen, COLOURS, strict=False):
+        at = dataset.isel(kinetic_ratio=k).transpose("V", ...)
+        text = labels.named("kinetic_ratio", at["kinetic_ratio"])
+        handles += below.plot(speeds, at["growth_rate"], color=colour, label=text)
+        below.plot(speeds, at["growth_coupled"], color=colour, linestyle=":")
+    handles += below.plot([], [], color="black", linestyle=":", label="share of coupled modes")
+    below.axhline(0.0, color=figures.GREY, linewidth=0.8)
+    least = min(float(dataset[name].min()) for name in ("growth_rate", "growth_coupled"))
+    below.set_yscale("symlog", linthresh=100.0)
+    below.set_ylim(bottom=min(3.0 * least, -10.0))
+    below.set_ylabel("growth rate / (1/s)")
+    planes.set_side(below, "x", dataset["V"])
+    figures.letter(panels, ("growth rate of the least stable mode", "regime", "growth rate and its share"))
+    for axes in panels:
+        axes.label_outer()
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    where = ", ".join(labels.named(name, dataset[name]) for name in ("theta", "mu", "F", "decay_speed", "decay"))
+    figure.suptitle(figures.fitted(f"Friction that falls with the speed: {where}", 16.0))
+    return figure
+
+
+STUDY = Study(
+    name="stribeck",
+    title="Friction that falls with the speed",
+    question="How much of an instability is due to friction that falls with the speed, how much to modes that "
+    "friction couples, and how does the rig move?",
+    paper="Friction has one coefficient: modes that it couples are enough for an instability.",
+    parameters={
+        "V": Parameter(logarithmically(1e-4, 0.1, 25), "m s-1", "speed of the drive"),
+        "kinetic_ratio": Parameter(evenly(0.5, 1.0, 6), "1", FRICTION["kinetic_ratio"].text),
+    }
+    | ensemble.members(1)
+    | ensemble.until(0.3, 6.0),
+    outputs=OUTPUTS,
+    function=motions,
+    coords=ensemble.coords,
+    check=ensemble.check,
+    summary=summarise,
+    figure=draw,
+    normalised=True,
+    chaotic=True,
+)

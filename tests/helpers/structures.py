@@ -1,0 +1,41 @@
+"""Random structures, and sets of exponents that are compared."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fivcore import Structure
+from fivcore.finite_elements import static_modes
+
+
+def drawn(seed, rayleigh=False):
+    """A structure and its frequency: 2 to 40 modes, ratios of 0 to 5 %, every other with a rigid motion."""
+    rng = np.random.default_rng(seed)
+    n, scale = int(rng.integers(2, 41)), 10.0 ** rng.uniform(-1.0, 4.0)
+    frequency = np.sort(scale * 10.0 ** rng.uniform(-1.5, 0.5, n))
+    frequency[0] *= seed % 2
+    normal, tangential = rng.normal(size=(2, n))
+    damping = {"damping_ratio": rng.uniform(0.0, 0.05, n)}
+    if rayleigh:
+        damping = {"d1": 10.0 ** rng.uniform(-3.0, 0.0) * scale, "d2": 10.0 ** rng.uniform(-5.0, -2.0) / scale}
+    load = -normal * rng.uniform(0.1, 1.0, n)
+    own = Structure.from_modes(frequency, normal, tangential, load=load, **damping)
+    if seed % 4 < 2:
+        return own, scale
+    root = rng.normal(size=(3, 3)) * 0.05 * np.sqrt(n) / scale
+    stiffness, *rows = static_modes(root @ root.T, float(own.stiffness.max()))
+    rows = dict(zip(("normal", "tangential", "load"), rows, strict=True))
+    rows |= dict.fromkeys(("damping", "inertia", "output"), np.zeros(2)) | {"stiffness": stiffness}
+    rows = {name: np.append(getattr(own, name), row) for name, row in rows.items()}
+    return replace(own, static=2, **rows), scale
+
+
+def within(values, fmax):
+    omega = 2.0 * np.pi * fmax * (1.0 - 1e-6)
+    return values[(values.imag < omega) & (np.abs(values) < 2.0 * omega)]
+
+
+def assert_same_set(mine, theirs, error):
+    assert len(mine) == len(theirs)
+    for one, other in ((mine, theirs), (theirs, mine)):
+        assert all(np.abs(other - each).min() < error * np.abs(each) for each in one)
