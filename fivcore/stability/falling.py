@@ -104,12 +104,12 @@ def balance(own: Structure) -> float:
 def steady(own: Structure, friction: Friction, mu: float, V: float, F: float) -> tuple[float, float]:
     """Compute m and k of `falling_roots` in steady sliding."""
     m, held = mu * friction.ratio(V), 1.0 + balance(own) * mu * friction.ratio(V)
-    if not held > 0.0:
+    if not held > 0.0 and not friction.constant:
         raise InputError(
             f"mu = {mu:g}: at V = {V:g} m/s it must be below {mu / (1.0 - held):.6g}, where the contact jams"
             " and steady sliding ceases to exist"
         )
-    return m, -F * own.preload / held * mu * friction.slope(V)
+    return m, 0.0 if friction.constant else -F * own.preload / held * mu * friction.slope(V)
 
 
 def falling_point(

@@ -14,7 +14,7 @@ from fivcore import Scene, Transient
 from fivcore.contact.reduced import reduced_model
 from fivcore.stability.falling import steady
 from fivcore.structure import structure_of
-from fivcore.transient.fast.steady import falling_eigenvalues, steady_sliding
+from fivcore.transient.fast.steady import eigenvalues
 from fivcore.transient.published import with_numerical_damping
 from studies import labels, paper, summary
 from studies.claims import Claim, is_papers_rig
@@ -90,17 +90,14 @@ def linear_stability(scene: Scene, cutoff: float | None, numerical_damping: str)
     values = {"growth_rate": rate, "growth_frequency": frequency, "unstable_modes": unstable}
     rig = with_numerical_damping(scene.rig, run.METHOD, numerical_damping)
     model = reduced_model(rig, theta, cutoff)
-    friction, eigenvalues = scene.friction, np.empty(0, dtype=complex)
+    friction, found = scene.friction, np.empty(0, dtype=complex)
     # In rigid contact only rounding holds the gap of a lasting contact: there is no such map.
-    if model.K.any() and not friction.constant:
+    if model.K.any():
         kinetic, fall = steady(structure_of(rig, theta), friction, mu, abs(scene.V), scene.F)
-        eigenvalues = falling_eigenvalues(model, kinetic, fall, model.default_step)
-    elif model.K.any():
-        slides = steady_sliding(model, mu * friction.kinetic_ratio, model.default_step)
-        eigenvalues = eigenvalues if slides is None else slides.eigenvalues
+        found = eigenvalues(model, kinetic, model.default_step, fall)
     model_rate = model_frequency = np.nan
-    if len(eigenvalues):
-        top = eigenvalues[np.argmax(eigenvalues.real)]
+    if len(found):
+        top = found[np.argmax(found.real)]
         model_rate, model_frequency = float(top.real), abs(float(top.imag)) / (2.0 * np.pi)
     return values | {"model_growth_rate": model_rate, "model_growth_frequency": model_frequency}
 

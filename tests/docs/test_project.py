@@ -122,12 +122,12 @@ def test_studies_are_loaded_without_matplotlib():
 @pytest.mark.parametrize(
     ("folder", "suffixes", "lines"),
     [
-        ("fivcore", (".py",), 8450),
+        ("fivcore", (".py",), 9650),
         ("sweeps", (".py",), 4510),
-        ("studies", (".py",), 11_050),
+        ("studies", (".py",), 11_150),
         ("studies", (".js", ".css", ".j2"), 500),
         ("tests/sweeps", (".py",), 2950),
-        ("tests", (".py",), 15_600),
+        ("tests", (".py",), 16_600),
     ],
 )
 def test_code_stays_within_its_bounds(folder, suffixes, lines):
