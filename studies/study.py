@@ -224,8 +224,10 @@ class Study:
         call = Call(self.function, common, self.normalised, tuple(self.parameters), shapes, times)
         numbers = {name: fixed[name] for name in (*SCENE, *FRICTION) if name in fixed}
         others = tuple(name for name in grid.axes if name not in (*SCENE, *FRICTION, "sample", "row"))
-        unordered = ("V", "mu", "F", *FRICTION)
-        key = partial(scenes.key, fixed=numbers, others=others, steady="scenes" not in self.takes)
+        unordered, steady = ("V", "mu", "F", *FRICTION), "scenes" not in self.takes
+        key = partial(scenes.key, fixed=numbers, others=others, steady=steady)
+        # Along theta and mu alone no steady sliding is a copy.
+        copies = self.normalised and not (steady and {"V", "F", *FRICTION}.isdisjoint(grid.axes))
         about = {
             name: (fixed[name], parameter.units, parameter.text)
             for name, parameter in self.parameters.items()
@@ -237,8 +239,8 @@ class Study:
             grid,
             outputs,
             fixed,
-            key=key if self.normalised else None,
-            scale=partial(scenes.factors, fixed=numbers) if self.normalised else None,
+            key=key if copies else None,
+            scale=partial(scenes.factors, fixed=numbers) if copies else None,
             coords={name: axis for name, axis in coords.items() if name not in grid.axes},
             code=("fivcore",),
             title=self.title,
