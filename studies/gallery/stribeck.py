@@ -1,4 +1,4 @@
-"""Friction that falls with the sliding speed: the part of an instability is due to it, and how the rig moves."""
+"""Friction that falls with the sliding speed: which part of an instability it makes, and how the rig moves."""
 
 from __future__ import annotations
 

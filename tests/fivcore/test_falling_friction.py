@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from fivcore import Friction, Scene, State, Structure, simulate
 from fivcore.contact.law import slide, status_maps
-from fivcore.contact.reduced import reduced_model
+from fivcore.contact.reduced import default_cutoff, reduced_model
 from fivcore.contact.step_map import step_map
 from fivcore.friction import COULOMB, friction_ratio, slip_speed
 from fivcore.transient.fast.steady import eigenvalues
@@ -194,3 +194,18 @@ def test_a_law_that_falls_too_steeply_is_refused() -> None:
     with pytest.raises(ValueError, match=r"step = 0\.1: .* it must be at most (0\.0\d+)") as refused:
         simulate(steep, 10.0, step=0.1)
     simulate(steep, 10.0, step=float(str(refused.value).partition("at most ")[2].split()[0]))
+
+
+def test_fast_converges_to_exact_with_second_order() -> None:
+    """The paper's rig in the first 1.6 ms of slip."""
+    scene = replace(PAPERS, V=0.02, friction=Friction(0.5, 0.2))
+    model = reduced_model(scene.rig, 5.0)
+    how = {"record": True, "cutoff": default_cutoff(scene.rig)}
+    exact = simulate(scene, 0.0095, "exact", step=model.default_step, sample_rate=None, **how)
+    assert exact.summary["energy_residual"] < 1e-10
+    errors = []
+    for part in (2.0, 4.0, 8.0):
+        fast = simulate(scene, 0.0095, step=model.default_step / part, sample_times=exact.time, **how)
+        errors.append(float(np.sqrt(np.mean((fast.tangential_force - exact.tangential_force) ** 2))))
+    assert errors[0] < 1e-3
+    assert errors[0] / errors[2] > 12.0
