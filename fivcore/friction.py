@@ -102,12 +102,13 @@ def slip_speed(
     gamma: float,
     mu: float,
     law: tuple[float, ...],
-) -> float:
-    """Speed v of a contact that slips, the largest root of v = ahead - S y(v); negative where it does not slip.
+) -> tuple[float, float]:
+    """Speed v of a contact that slips, the largest root of v = ahead - S y(v), and mu(v) / mu.
 
     y = mu(v) N is the force of friction and N = alpha / (beta - gamma mu(v)) the normal force; `ahead` is the
     speed without friction, and `law` that of `Friction.law`. Newton's method starts from the guess, and where that
     leads nowhere from `ahead`: there is no root beyond, and y is convex, so every step is towards the largest.
+    Without a root v is negative, and the ratio that at rest.
     """
     v, again = max(guess, 0.0), False
     for _ in range(100):
@@ -115,16 +116,16 @@ def slip_speed(
         inverse = 1.0 / (beta - gamma * (mu * ratio))
         normal = alpha * inverse
         rise = 1.0 + S * (mu * slope) * (normal * (beta * inverse))
-        excess = v - ahead + S * (mu * ratio) * normal
-        step = excess / rise
+        step = (v - ahead + S * (mu * ratio) * normal) / rise
         if not rise > 0.0 or (v - step < 0.0 and not again):
             if again or ahead <= 0.0:
-                return -1.0
+                return -1.0, 1.0
             v, again = ahead, True
             continue
         v -= step
         if v < 0.0:
-            return -1.0
-        if abs(step) <= 1e-15 * max(v, law[1]):
-            break
-    return v
+            return -1.0, 1.0
+        # The error is then that squared, of v and of the ratio by its tangent.
+        if abs(step) <= 1e-8 * min(v + law[1], law[1]):
+            return v, ratio - slope * step
+    return v, friction_ratio(v, law[0], law[1], law[2])[0]

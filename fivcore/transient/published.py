@@ -26,7 +26,7 @@ from fivcore.contact.law import ratio
 from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.contact.step_map import at_most
 from fivcore.errors import SceneValueError, not_unique
-from fivcore.friction import friction_ratio, slip_speed
+from fivcore.friction import slip_speed
 from fivcore.jit import Array, inlined, kernel
 from fivcore.rig import Rig, Structural
 from fivcore.structure import structure_of
@@ -235,8 +235,10 @@ def published_contact(scene: Any, gN: float, gT: float) -> Any:
         alpha, beta, gamma = -gN - WNT * last_T / (1.0 + r), WNN, -WNT * share
         free = (back + WNT * alpha / beta + WTT * last_T / (1.0 + r)) / scene.dt
         mobility = (WNT * gamma / beta + WTT * share) / scene.dt
-        v = slip_speed(-way * scene.slip_rate, -way * free, mobility, alpha, beta, way * gamma, scene.mu, law)
-        m = way * scene.mu * friction_ratio(max(v, 0.0), law[0], law[1], law[2])[0]
+        _, ratio = slip_speed(
+            -way * scene.slip_rate, -way * free, mobility, alpha, beta, way * gamma, scene.mu, law
+        )
+        m = way * scene.mu * ratio
     N = (-gN - WNT * last_T / (1.0 + r)) / (WNN + m * WNT * r / (1.0 + r))
     if N <= 0.0:
         return SEPARATION, 0.0, 0.0

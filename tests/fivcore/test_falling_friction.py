@@ -73,7 +73,8 @@ def test_slip_speed_is_the_largest_root() -> None:
         trial = np.linspace(0.0, max(ahead, 0.0), 1001)
         signs = np.sign([excess(v) for v in trial])
         crossed = np.flatnonzero((signs[:-1] < 0.0) & (signs[1:] >= 0.0))
-        found = slip_speed(rng.uniform(0.0, 3.0), ahead, S, alpha, beta, gamma, mu, law)
+        found, ratio = slip_speed(rng.uniform(0.0, 3.0), ahead, S, alpha, beta, gamma, mu, law)
+        assert ratio == pytest.approx(friction_ratio(max(found, 0.0), *law)[0], rel=1e-14)
         if len(crossed):
             root = brentq(excess, trial[crossed[-1]], trial[crossed[-1] + 1], xtol=1e-14, rtol=1e-14)
             assert found == pytest.approx(root, rel=1e-9, abs=1e-12)

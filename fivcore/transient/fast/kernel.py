@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from fivcore.friction import friction_ratio, slip_speed
+from fivcore.friction import slip_speed
 from fivcore.jit import contracted, inlined, kernel, reordered
 from fivcore.transient.fast import data as at
 from fivcore.transient.fast.skip import skip
@@ -115,8 +115,8 @@ def falling(scene: Any, p: float, u: float, vN: float, vT: float, way: float, la
     s, law, mu = scene.slide, (scene.law[0], scene.law[1], scene.law[2]), scene.mu
     alpha, beta, gamma = s[0] * p + s[1] * vN, s[2], s[3]
     free, mobility = vT - s[4] * u + s[5] / beta * alpha, s[6] + s[5] / beta * gamma
-    v = slip_speed(-way * last, -way * free, mobility, alpha, beta, way * gamma, mu, law)
-    m = way * mu * friction_ratio(max(v, 0.0), law[0], law[1], law[2])[0]
+    v, ratio = slip_speed(-way * last, -way * free, mobility, alpha, beta, way * gamma, mu, law)
+    m = way * mu * ratio
     N = alpha / (beta - gamma * m)
     T = m * N
     return v, N, T, s[7] * u + s[8] * N + s[9] * T
