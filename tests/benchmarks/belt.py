@@ -25,7 +25,10 @@ def by_fiv(rows, step, paths=None):
     if paths is None:
         return [run.summary["stick_fraction"] > 0 for run in simulate_many(scenes, END, settle=LAST, **how)], []
     found = simulate_many(scenes, paths, record=["velocity_B"], sample_rate=None, **how)
-    ends = [(run.time + 0.5 * step, row[1] + step * np.cumsum(run.velocity_B)) for run, row in zip(found, rows)]
+    ends = [
+        (run.time + 0.5 * step, row[1] + step * np.cumsum(run.velocity_B))
+        for run, row in zip(found, rows, strict=True)
+    ]
     return [], ends
 
 
@@ -154,9 +157,9 @@ def by_heyoka(rows, tolerance, paths=None, lanes=8):
             ta.step(np.full(lanes, 1.0))
             points.append((ta.time.copy(), ta.state[0].copy()))
         ta.propagate_until(END)
-        labels += list(((last > LAST) | (ta.pars[2] != 0.0)))
+        labels += list((last > LAST) | (ta.pars[2] != 0.0))
         ends += list(np.transpose(points, (2, 1, 0))) if points else []
-    return labels[: len(rows)], ends, time.thread_time() - begun
+    return labels[: len(rows)], ends[: len(rows)], time.thread_time() - begun
 
 
 def worst(ends, reference):
