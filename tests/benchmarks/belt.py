@@ -181,10 +181,10 @@ def belt():
     runs = [
         ("`fast`, step 0.0006", by_fiv, 6e-4, 100, lasting),
         ("RK4 in Numba, step 0.04", by_loop, 0.04, 1000, True),
-        ("`solve_ivp`, DOP853 to 1e-7", by_scipy, 1e-7, FEW, True),
+        ("`solve_ivp`, DOP853 to 1e-8", by_scipy, 1e-8, FEW, True),
     ]
     if find_spec("heyoka"):
-        runs.append(("heyoka, 8 lanes, to 1e-6", by_heyoka, 1e-6, 1000, True))
+        runs.append(("heyoka, 8 lanes, to 1e-8", by_heyoka, 1e-8, 1000, True))
     table = []
     for what, method, setting, count, paths in runs:
         ends = method(rows[:FEW], setting, paths)[1]
