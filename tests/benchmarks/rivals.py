@@ -13,6 +13,7 @@ from fivcore.contact.reduced import DAMPING, MODAL, default_cutoff, full_model, 
 from fivcore.transient.normalised import Normalised
 from studies.accuracy.errors import FRACTIONS
 from studies.accuracy.settings import CONVERGED, SETTINGS, TWO, scene_of
+from tests.benchmarks.belt import belt
 from tests.benchmarks.tables import Column, Table
 
 SEPARATION, STICK, SLIP_UP, SLIP_DOWN = range(4)
@@ -116,4 +117,4 @@ def second():
     return Table([Column("method"), Column("scene"), Column("CPU time / simulated time"), Column("error")], rows)
 
 
-TABLES = {"second": second}
+TABLES = {"second": second, "belt": belt}
