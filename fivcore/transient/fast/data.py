@@ -25,9 +25,8 @@ _ARRAYS = {
     # N and u_T of slip from (p, u_T, v_N), with T = mu N and T = -mu N; u after a step of separation.
     "slip_law": (2, 6),
     "relax": (4,),
-    # Slip where friction depends on its speed (`fivcore.contact.law.Slide`), and the law (`Friction.law`).
+    # Slip where friction depends on its speed (`fivcore.contact.law.Slide`).
     "slide": (10,),
-    "law": (3,),
     # What a force adds to the mean rates of the gaps; spring; dashpot, with C_TT in slip last: NN, NT, TT.
     "M": (3,),
     "K": (3,),
@@ -53,9 +52,8 @@ _COUNTS = [
     # Contact state, present step, end of the segment; the next sample, row of the record and try of a skip; the
     # step from which statistics count.
     "contact now last next_sample next_row next_skip settle sample_every row_every",
-    # Whether friction depends on the slip rate, the contact is rigid, the first separation ends the segment, the
-    # segment has ended early.
-    "falls rigid until_open stopped",
+    # Whether the contact is rigid, the first separation ends the segment, the segment has ended early.
+    "rigid until_open stopped",
     # Modes and their blocks; whether there are tables of the skip; how many samples and rows there are.
     "modes blocks may_skip samples rows",
 ]

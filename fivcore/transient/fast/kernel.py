@@ -74,12 +74,15 @@ def observe(x: Any, first: Any, count: Any, last_N: float, last_T: float, half_N
 
 
 @kernel
-def advance(scenes: Any, modes: Any, samples: Any, rows: Any, sticks: Any, tables: Any, work: Any) -> None:
+def advance(
+    scenes: Any, modes: Any, samples: Any, rows: Any, sticks: Any, tables: Any, work: Any, law: Any
+) -> None:  # fmt: skip
     """Take a scene to the end of its segment.
 
     `scenes` (1,) is its record of `data.SCENE` and `modes` its blocks in a row. `samples` (any, SAMPLE),
     `rows` (any, 6) and `sticks` (any, 2), begin and end, are written as in `statistics.Segment`; `tables` and
-    `work` are those of `skip.skip`.
+    `work` are those of `skip.skip`. `law` is `Friction.law` where friction depends on the slip rate, else (): each
+    is compiled by itself.
     """
     scene = scenes[0]
     while scene.stopped == 0 and scene.now < scene.last:
@@ -88,7 +91,7 @@ def advance(scenes: Any, modes: Any, samples: Any, rows: Any, sticks: Any, table
         if scene.now >= scene.next_skip:
             skip(scene, modes, samples, rows, tables, work)
         else:
-            take_steps(scene, modes, samples, rows, sticks)
+            take_steps(scene, modes, samples, rows, sticks, law)
 
 
 @inlined
@@ -107,12 +110,12 @@ def added(free: float, by_N: float, impulse_N: float, by_T: float, impulse_T: fl
 
 
 @kernel
-def falling(scene: Any, p: float, u: float, vN: float, vT: float, way: float, last: float) -> Any:
+def falling(scene: Any, law: Any, p: float, u: float, vN: float, vT: float, way: float, last: float) -> Any:
     """Slip where friction depends on its speed: that, negative if there is no slip, N, T and the new u_T.
 
     `u` is u_T at the start, `way` the sign of T, and `last` the slip rate in the step before.
     """
-    s, law, mu = scene.slide, (scene.law[0], scene.law[1], scene.law[2]), scene.mu
+    s, mu = scene.slide, scene.mu
     alpha, beta, gamma = s[0] * p + s[1] * vN, s[2], s[3]
     free, mobility = vT - s[4] * u + s[5] / beta * alpha, s[6] + s[5] / beta * gamma
     v, ratio = slip_speed(-way * last, -way * free, mobility, alpha, beta, way * gamma, mu, law)
@@ -123,10 +126,10 @@ def falling(scene: Any, p: float, u: float, vN: float, vT: float, way: float, la
 
 
 @contracted
-def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> None:
+def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law: Any) -> None:
     """Take a scene to its next pause."""
     mu, moving, step, rigid, ramp = scene.mu, scene.moving, scene.step, scene.rigid != 0, scene.ramp
-    per_step, falls = 1.0 / step, scene.falls != 0
+    per_step = 1.0 / step
     stick_law, slip_law, relax = scene.stick_law, scene.slip_law, scene.relax
     M_NN, M_NT, M_TT = scene.M[0], scene.M[1], scene.M[2]
     K_NN, K_NT, K_TT = scene.K[0], scene.K[1], scene.K[2]
@@ -137,7 +140,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
     head = min(size, _BLOCK)
     contact, u_N, u_T, anchor, slip_rate = scene.contact, scene.u_N, scene.u_T, scene.anchor, scene.slip_rate
     free_gN, free_gT, free_vN, free_vT = scene.g_N, scene.g_T, scene.v_N, scene.v_T
-    impulse_N, impulse_T, after_N, after_T = 0.0, 0.0, scene.after_N, scene.after_T
+    impulse_N, impulse_T = 0.0, 0.0
     now = scene.now
     until, due = pause(scene, now), min(scene.next_sample, scene.next_row)
     while now < until:
@@ -153,17 +156,9 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
         gT = added(free_gT, q_NT, impulse_N, q_TT, impulse_T) + (scene.T_rest - X)
         vN = added(free_vN, v_NN, impulse_N, v_NT, impulse_T) - M_NN
         vT = added(free_vT, v_NT, impulse_N, v_TT, impulse_T) - (M_NT + drive)
-        eN, eT = vN, vT
-        if rigid and contact != STICK:
-            # Where contact or stick begins, the gaps are to be at rest over the free move that follows: the rates
-            # after the impulse are half of what the last free move has changed, turned.
-            if np.isnan(after_T):
-                after_N, after_T = -vN, -vT
-            eT = 0.75 * vT - 0.25 * after_T
-            eN = 0.75 * vN - 0.25 * after_N if contact == SEPARATION else vN
         # The contact law.
         was = contact
-        law = np.uint64(was)
+        status = np.uint64(was)
         relaxed = relax[0] * u_N + relax[1] * u_T
         closed, N, T = p > relaxed, 0.0, 0.0
         # In rigid contact the gap of a lasting contact is rounding: only its force can end it.
@@ -171,41 +166,48 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
         before, end_N, end_T = u_T, relaxed, relax[2] * u_N + relax[3] * u_T
         if closed:
             u = anchor - gT if was == STICK else u_T
-            rate = eT if was == SEPARATION else vT
-            N = (stick_law[law, 0] * p + stick_law[law, 2] * eN) + (
-                stick_law[law, 3] * rate + stick_law[law, 1] * u
+            N = (stick_law[status, 0] * p + stick_law[status, 2] * vN) + (
+                stick_law[status, 3] * vT + stick_law[status, 1] * u
             )
-            T = (stick_law[law, 4] * p + stick_law[law, 6] * eN) + (
-                stick_law[law, 7] * rate + stick_law[law, 5] * u
+            T = (stick_law[status, 4] * p + stick_law[status, 6] * vN) + (
+                stick_law[status, 7] * vT + stick_law[status, 5] * u
             )
+            closing, halts_N, halts_T = vN, 0.0, 0.0
+            if rigid and was != STICK and not np.isnan(scene.after_T):
+                # Where contact or stick begins, the gaps are to be at rest over the free move that follows: the
+                # rates after the impulse are half of what the last free move has changed, turned.
+                less_T = -0.25 * (vT + scene.after_T)
+                if was == SEPARATION:
+                    closing = 0.75 * vN - 0.25 * scene.after_N
+                halts_N = stick_law[status, 2] * (closing - vN) + stick_law[status, 3] * less_T
+                halts_T = stick_law[status, 6] * (closing - vN) + stick_law[status, 7] * less_T
+                if was == SEPARATION:
+                    N, T, halts_N, halts_T = N + halts_N, T + halts_T, 0.0, 0.0
             holds = N > 0.0 and abs(T) <= (mu if was == STICK else moving) * N
-            if falls and holds and was != STICK:
+            if len(law) > 0 and holds and was != STICK:
                 # Where two solutions exist, a contact that moves goes on moving.
-                holds = falling(scene, p, u, eN, vT, np.sign(T), slip_rate)[0] < 0.0
+                holds = falling(scene, law, p, u, closing, vT, np.sign(T), slip_rate)[0] < 0.0
             if holds:
                 contact, before, end_N, end_T = STICK, u, p, u
-                if rigid and was == SLIP:
-                    gentle_N, gentle_T = N + stick_law[law, 3] * (eT - vT), T + stick_law[law, 7] * (eT - vT)
-                    if gentle_N > 0.0 and abs(gentle_T) <= mu * gentle_N:
-                        N, T = gentle_N, gentle_T
+                if rigid and N + halts_N > 0.0 and abs(T + halts_T) <= mu * (N + halts_N):
+                    N, T = N + halts_N, T + halts_T
             else:
                 contact = SLIP
             if was != STICK or contact != STICK:
                 # Between the middle of the step, where stick holds u_T, and its start, where slip begins.
-                shift = stick_law[law, 8] * (vT + M_NT * N + M_TT * T)
+                shift = stick_law[status, 8] * (vT + M_NT * N + M_TT * T)
                 if contact == STICK:
                     end_T = u - shift
                     anchor = gT + end_T
                 else:
                     before = u + shift if was == STICK else u
                     way, m = (np.uint64(0), scene.kinetic) if T > 0.0 else (np.uint64(1), -scene.kinetic)
-                    N = (slip_law[way, 0] * p + slip_law[way, 2] * eN) + slip_law[way, 1] * before
-                    if falls and N > 0.0:
-                        _, N, T, end_T = falling(scene, p, before, eN, vT, np.sign(m), slip_rate)
-                        end_N = p
-                    elif N > 0.0:
+                    N = (slip_law[way, 0] * p + slip_law[way, 2] * closing) + slip_law[way, 1] * before
+                    if N > 0.0:
                         T, end_N = m * N, p
                         end_T = (slip_law[way, 3] * p + slip_law[way, 5] * vN) + slip_law[way, 4] * before
+                        if len(law) > 0:
+                            _, N, T, end_T = falling(scene, law, p, before, closing, vT, np.sign(m), slip_rate)
                     else:
                         closed, N, T = False, 0.0, 0.0
                         end_N, end_T = relax[0] * p + relax[1] * before, relax[2] * p + relax[3] * before
@@ -241,7 +243,8 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
             scene.max_N = max(scene.max_N, N)
         scene.max_slip = max(scene.max_slip, abs(slip_rate))
         u_N, u_T = end_N, end_T
-        after_N, after_T = 2.0 * mean_N - vN, 2.0 * mean_T - vT
+        if rigid:
+            scene.after_N, scene.after_T = 2.0 * mean_N - vN, 2.0 * mean_T - vT
         last_N, last_T = impulse_N, impulse_T
         impulse_N, impulse_T = step * (N - 1.0), step * T
         if contact != was:
@@ -294,7 +297,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any) -> 
         place = np.uint64(k)
         finish(modes, first + place * _BLOCK_SIZE, min(size - place * _BLOCK, _BLOCK), impulse_N, impulse_T)
     scene.now, scene.contact, scene.u_N, scene.u_T, scene.anchor = now, contact, u_N, u_T, anchor
-    scene.slip_rate, scene.after_N, scene.after_T = slip_rate, after_N, after_T
+    scene.slip_rate = slip_rate
     scene.g_N = added(free_gN, q_NN, impulse_N, q_NT, impulse_T)
     scene.g_T = added(free_gT, q_NT, impulse_N, q_TT, impulse_T)
     scene.v_N = added(free_vN, v_NN, impulse_N, v_NT, impulse_T)

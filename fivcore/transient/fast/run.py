@@ -80,7 +80,7 @@ class FastRun:
         finer = finer and isinstance(scene.rig, Rig)
         self.growing: Array = np.zeros(0)
         law, speed = scene.friction, scene.speed_per_load
-        self._kinetic = scene.mu * law.ratio(speed)
+        self._kinetic, self._law = scene.mu * law.ratio(speed), () if law.constant else law.law
         if finer:
             self.growing = growing(eigenvalues(model, self._kinetic, self.step, -scene.mu * law.slope(speed)))
             # Growth in the finer model alone would start a vibration where this one's sliding is stable.
@@ -197,7 +197,7 @@ class FastRun:
         samples = np.empty((count_in(begun, last, every), SAMPLE))
         rows = np.empty((count_in(begun, last, int(scene["row_every"])), 6))
         sticks, modes = np.empty((int(scene["stick_room"]), 2)), self.blocks.ravel()
-        advance(self.record, modes, samples, rows, sticks, self._tables, workspace_for(self._tables))
+        advance(self.record, modes, samples, rows, sticks, self._tables, workspace_for(self._tables), self._law)
         first, count = -(-begun // every), int(scene["samples"])
         t = np.asarray((np.arange(first, first + count) * every + 0.5) * self._solver.step)
         segment = Segment(t, samples[:count], sticks[: int(scene["sticks"])], rows[: int(scene["rows"])])

@@ -65,8 +65,6 @@ class Solver:
             ("C", np.append(self.dissipation[lower], impulse.damping[1, 1] * maps.square_ratio)),
             ("point_B", 0.5 * np.array([model.point_b @ gap for gap in gaps])),
             ("slide", slide(impulse.stiffness, impulse.damping, impulse.delassus, step)),
-            ("law", friction.law),
-            ("falls", not friction.constant),
             ("mu", mu),
             ("moving", kinetic),
             ("kinetic", kinetic),

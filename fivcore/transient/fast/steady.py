@@ -102,6 +102,7 @@ def growing(eigenvalues: Complex) -> Array:
     return np.asarray(np.sort(eigenvalues.imag[grows]) / (2.0 * np.pi))
 
 
+@lru_cache(maxsize=64)
 @one_blas_thread()
 def eigenvalues(model: ReducedModel, mu: float, step: float, fall: float = 0.0) -> Complex:
     """Those of steady sliding at the coefficient `mu`, 1/s, where friction falls by `fall` with speed, N s/m."""
