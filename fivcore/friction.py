@@ -70,7 +70,7 @@ class Friction:
         return float(friction_ratio(abs(speed), *self.law)[1])
 
     def normalised(self, load: float) -> Friction:
-        """The law for speeds in units of a load, N; one and the same object of values for Coulomb's law."""
+        """The law for speeds in units of a load, N; `COULOMB` if kinetic_ratio is 1."""
         if self.kinetic_ratio == 1.0:
             return COULOMB
         return replace(self, decay_speed=float(f"{self.decay_speed / load:.11e}"))
@@ -106,9 +106,9 @@ def slip_speed(
     """Speed v of a contact that slips, the largest root of v = ahead - S y(v), and mu(v) / mu.
 
     y = mu(v) N is the force of friction and N = alpha / (beta - gamma mu(v)) the normal force; `ahead` is the
-    speed without friction, and `law` that of `Friction.law`. Newton's method starts from the guess, and where that
-    leads nowhere from `ahead`: there is no root beyond, and y is convex, so every step is towards the largest.
-    Without a root v is negative, and the ratio that at rest.
+    speed without friction, and `law` is `Friction.law`. Newton's method starts from the guess; if that fails, it
+    starts again from `ahead`: no root is larger, and as y is convex, every step approaches the largest root.
+    Without a root v is negative and the ratio is 1.
     """
     v, again = max(guess, 0.0), False
     for _ in range(100):
@@ -125,7 +125,7 @@ def slip_speed(
         v -= step
         if v < 0.0:
             return -1.0, 1.0
-        # The error is then that squared, of v and of the ratio by its tangent.
+        # The convergence is quadratic, and the tangent gives the ratio at the new v.
         if abs(step) <= 1e-8 * min(v + law[1], law[1]):
             return v, ratio - slope * step
     return v, friction_ratio(v, law[0], law[1], law[2])[0]

@@ -83,10 +83,10 @@ def status_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> StatusM
 
 
 class Slide(NamedTuple):
-    """Slip in a step with a coefficient that depends on its speed: numbers that are the same for any coefficient.
+    """Numbers of slip in a step that do not depend on the coefficient of friction.
 
     With y = m N the force of friction, N = (alpha + gamma y) / beta with alpha = by_p p + by_v v_N, and the mean
-    slip rate is v_T - relaxing u_T + rate_N N + rate_T y. At the end u_T is keep times itself + end_N N + end_T y.
+    slip rate is v_T - relaxing u_T + rate_N N + rate_T y. u_T becomes keep u_T + end_N N + end_T y.
     """
 
     by_p: float

@@ -159,7 +159,7 @@ class ReducedModel(ReadOnlyArrays):
         return LIMIT / omega if omega else float(np.pi / np.sqrt(self.stiffness.max()))
 
 
-# What does not depend on friction is kept, for a sweep has many of them.
+# These do not depend on friction, so the scenes of a sweep share them.
 @lru_cache(maxsize=256)
 def _impulse(model: ReducedModel, step: float) -> Impulse:
     K, C, half = model.K, model.C, 0.5 * step * model.W

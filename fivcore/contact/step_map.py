@@ -41,7 +41,7 @@ def step_map(
 ) -> StepMap:
     """Map of a step in slip with T = `friction` * N, mu or -mu; None: in stick, where u_T follows g_T.
 
-    With T = `friction` * N + `fall` * slip rate it is that of deviations from steady sliding.
+    With `fall`, T = `friction` * N + `fall` * slip rate, and x is the deviation from steady sliding.
     """
     gaps, size, own = model.shapes, len(model.normal), int(friction is not None)
     maps = status_maps(impulse.stiffness, impulse.damping, impulse.delassus, friction or 0.0, step)

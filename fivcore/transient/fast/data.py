@@ -38,7 +38,7 @@ _ARRAYS = {
     "point_B": (2,),
 }
 _NUMBERS = [
-    # Friction: static, that at which a contact that moves sticks, and in slip where it is constant.
+    # Coefficient of friction: static; largest |T| / N at which slip ends; in slip, where it is constant.
     "mu moving kinetic",
     # Step, drive of the clamp; |T| / N above which a segment ends where a sample is taken; the last slip rate.
     "step speed ramp acceleration threshold slip_rate",

@@ -111,7 +111,7 @@ def added(free: float, by_N: float, impulse_N: float, by_T: float, impulse_T: fl
 
 @kernel
 def falling(scene: Any, law: Any, p: float, u: float, vN: float, vT: float, way: float, last: float) -> Any:
-    """Slip where friction depends on its speed: that, negative if there is no slip, N, T and the new u_T.
+    """Slip speed (negative without slip), N, T and the new u_T where friction depends on the slip speed.
 
     `u` is u_T at the start, `way` the sign of T, and `last` the slip rate in the step before.
     """
@@ -174,8 +174,8 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
             )
             closing, halts_N, halts_T = vN, 0.0, 0.0
             if rigid and was != STICK and not np.isnan(scene.after_T):
-                # Where contact or stick begins, the gaps are to be at rest over the free move that follows: the
-                # rates after the impulse are half of what the last free move has changed, turned.
+                # Where contact or stick begins, the gaps should not change over the free move that follows. The
+                # rate after the impulse is therefore minus half the change over the last free move.
                 less_T = -0.25 * (vT + scene.after_T)
                 if was == SEPARATION:
                     closing = 0.75 * vN - 0.25 * scene.after_N
@@ -185,7 +185,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                     N, T, halts_N, halts_T = N + halts_N, T + halts_T, 0.0, 0.0
             holds = N > 0.0 and abs(T) <= (mu if was == STICK else moving) * N
             if len(law) > 0 and holds and was != STICK:
-                # Where two solutions exist, a contact that moves goes on moving.
+                # If stick and slip are both possible, slip continues.
                 holds = falling(scene, law, p, u, closing, vT, np.sign(T), slip_rate)[0] < 0.0
             if holds:
                 contact, before, end_N, end_T = STICK, u, p, u

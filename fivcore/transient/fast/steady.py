@@ -105,7 +105,7 @@ def growing(eigenvalues: Complex) -> Array:
 @lru_cache(maxsize=64)
 @one_blas_thread()
 def eigenvalues(model: ReducedModel, mu: float, step: float, fall: float = 0.0) -> Complex:
-    """Those of steady sliding at the coefficient `mu`, 1/s, where friction falls by `fall` with speed, N s/m."""
+    """Eigenvalues of steady sliding with coefficient `mu`, 1/s; friction falls with speed by `fall`, N s/m."""
     z = np.linalg.eigvals(step_map(model, model.impulse(step), step, mu, fall).matrix)
     return np.asarray(np.log(z + np.finfo(float).tiny) / step, dtype=complex)
 
