@@ -19,7 +19,7 @@ from fivcore.jit import Array
 from fivcore.rig import Rig, Scene, html_table
 from fivcore.transient.exact_run import exact_run
 from fivcore.transient.fast.run import FastRun
-from fivcore.transient.normalised import Normalised, energies
+from fivcore.transient.normalised import Normalised, State, energies
 from fivcore.transient.observe import Observer, Record
 from fivcore.transient.options import Options
 from fivcore.transient.published import PaperRun
@@ -52,6 +52,8 @@ class Transient:
     growing : ndarray, (m,)
         Frequencies of the motions by which steady sliding is unstable in the reduced model, Hz; for "fast" with
         the default cut-off, else empty.
+    final_state : State
+        State at the end, which `fivcore.simulate` takes as `initial`; for V < 0 that of the mirrored scene.
     """
 
     scene: Scene
@@ -63,6 +65,7 @@ class Transient:
     slip_velocity: Array = field(default_factory=lambda: np.zeros(0))
     state: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
     growing: Array = field(default_factory=lambda: np.zeros(0))
+    final_state: State | None = None
 
     def _repr_html_(self) -> str:
         rows = [(name, _short(value)) for name, value in self.summary.items()]
@@ -78,10 +81,12 @@ class Job:
     """One scene under way: its run and its observers."""
 
     def __init__(self, scene: Scene, normalised: Normalised, options: Options) -> None:
-        self._scene, self.run = scene, METHODS[options.method](normalised, options)
+        resumed = options.resumed
+        self._scene, self._normalised = scene, normalised
+        self.run = resumed.again(options) if resumed else METHODS[options.method](normalised, options)
         self._observer = Observer(self.run.rate, scene.rig.time_unit)
         rate = options.rows(self.run.step)[1]
-        self._series = Record(normalised, options.record, options.sample_times, rate)
+        self._series = Record(normalised, options.record, options.sample_times, rate, self.run.begun)
         # Long sticks that have ended; number of the samples that were filled in.
         self._sticks, self._further = np.empty((0, 2)), 0
         self._watch = None if options.until is None else Watch(self.run, options.until)
@@ -122,8 +127,13 @@ class Job:
         summary = summarise(self.run, self._observer, self._sticks, self._further)
         if self._watch is not None:
             summary["standard_error_reached"] = self._watch.known
+        self.run.segments = ()
         return Transient(
-            self._scene, summary, **self._series.whole(self.run.steps * self.run.step), growing=self.run.growing
+            self._scene,
+            summary,
+            **self._series.whole(self.run.steps * self.run.step),
+            growing=self.run.growing,
+            final_state=State.end_of(self._normalised, self.run),
         )
 
 

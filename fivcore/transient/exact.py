@@ -109,10 +109,17 @@ class ExactRun(SteppedRun):
             y[2 * n :] = u - np.linalg.solve(model.K, [1.0, 0.0])
         # In a ramp of 10 ns the acceleration is so large that the motion is lost in rounding beside it.
         self._ramp = options.ramp if options.ramp >= SHORT * unit else 0.0
-        if self._ramp == 0.0:
+        if initial is not None and initial.running:
+            self._ramp = 0.0
+        elif self._ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(y)
         self._decide(0.0, y, options.contact)
+
+    def state(self) -> tuple[Array, Array, Array]:
+        """Displacements from rest and velocities of the modes, and the gaps of the others."""
+        y, n = self._state_at(self._now), len(self.model.stiffness)
+        return y[:n], y[n : 2 * n], y[2 * n :] + np.linalg.solve(self.model.K, [1.0, 0.0])
 
     def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
         goal = last * self.step

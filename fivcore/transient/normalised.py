@@ -7,12 +7,13 @@ have the same bits.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore.contact.reduced import full_model
+from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array
 from fivcore.rig import Scene, Structural
@@ -48,22 +49,79 @@ class Normalised:
         return cls(rig, scene.drive_theta, speed, scene.mu, load, sense, scene.friction.normalised(load))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class State:
-    """Initial modal displacements and velocities, and contact state.
+    """Modal displacements and velocities, and contact state, at the start or the end of a run.
 
     Attributes
     ----------
     displacement, velocity : ndarray, (modes,)
         In the order of `fivcore.beams.modes.contact_modes`, P1's modes first, of every mode of both beams; SI with
-        mass-normalised modes. Velocities of P2 are relative to its clamp.
+        mass-normalised modes. Displacements and velocities of P2 are relative to its clamp. A structure may have
+        a static mode more, which stands for what its modes leave out.
     contact : int
         0 separation, 1 stick, 2 slip.
+    running : bool
+        Whether the drive runs at its speed already; else a run accelerates it from rest.
+    time : float
+        Of the end of a run: s since its drive started; else 0.
     """
 
     displacement: Array
     velocity: Array
     contact: int
+    running: bool = False
+    time: float = field(default=0.0, init=False)
+    # The scene and the run whose end this is, which a run of the same scene continues.
+    origin: tuple[Normalised, Any] | None = field(default=None, init=False, repr=False)
+
+    @classmethod
+    def of(cls, scene: Scene, displacement: Any, velocity: Any, contact: int | None = None) -> State:
+        """A state of a scene whose drive runs at its speed V.
+
+        Parameters
+        ----------
+        scene : Scene
+        displacement, velocity : array_like, (modes,)
+            As the attributes.
+        contact : int, optional
+            By default as gap and slip rate say: separation where it is open, stick where the rate is zero to 1e-9
+            of V, else slip.
+
+        Returns
+        -------
+        State
+        """
+        q, v = np.asarray(displacement), np.asarray(velocity)
+        if contact is None:
+            full = full_model(scene.rig, scene.theta)
+            parts = full.normal[: len(q)] * q
+            slip_rate = full.tangential[: len(v)] @ v - scene.V
+            touches = parts.sum() <= 1e-9 * np.abs(parts).sum()
+            contact = 0 if not touches else 1 if abs(slip_rate) <= 1e-9 * abs(scene.V) else 2
+        return cls(q, v, contact, True)
+
+    @classmethod
+    def end_of(cls, scene: Normalised, run: Any) -> State:
+        """The state at the end of a run; without its ramp's end the drive does not run at its speed."""
+        model, full = run.model, full_model(scene.rig, scene.theta)
+        q, v, u = run.state()
+        displacement, velocity = np.zeros((2, len(full.rest)))
+        kept = np.flatnonzero(model.kept)
+        displacement[kept], velocity[kept] = q + model.rest, v
+        if not model.kept.all():
+            displacement += static_displacement(model, full, u)
+        state = cls(scene.load * displacement, scene.load * velocity, int(run.record["contact"][0]))
+        ended = run.time >= run.options.ramp * (1.0 - 1e-12)
+        vars(state).update(running=ended, time=run.time, origin=(scene, run))
+        return state
+
+
+def static_displacement(model: ReducedModel, full: ReducedModel, u: Array) -> Array:
+    """Displacements of the modes that `model` leaves out, (modes,), whose gaps are `u`: load and contact force."""
+    lost = np.where(model.kept, 0.0, 1.0 / np.where(model.kept, 1.0, full.stiffness))
+    force = model.K @ (u - full.shapes @ (lost * full.load))
+    return np.asarray(lost * (full.load + force @ full.shapes))
 
 
 def residual_gaps(scene: Normalised, kept: NDArray[np.bool_], initial: State) -> Array:

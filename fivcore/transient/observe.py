@@ -68,12 +68,18 @@ class Record:
     """Named series of a run in its scene's units: at the rows, or linear between them at `times` or a `rate`."""
 
     def __init__(
-        self, normalised: Normalised, names: Sequence[str], times: Array | None = None, rate: float | None = None
+        self,
+        normalised: Normalised,
+        names: Sequence[str],
+        times: Array | None = None,
+        rate: float | None = None,
+        start: float = 0.0,
     ) -> None:
         factors = {"normal_force": normalised.load, "state": 1.0}
         self._factors = {name: factors.get(name, normalised.load * normalised.sense) for name in names}
         self._parts: dict[str, list[NDArray[Any]]] = {name: [] for name in ("time", *names)}
-        self._times, self._rate, self._taken, self._last = times, rate, 0, np.empty((0, 1 + len(SERIES)))
+        self._times, self._rate, self._last = times, rate, np.empty((0, 1 + len(SERIES)))
+        self._taken = int(np.ceil(start * (rate or 0.0) * (1.0 - 1e-12)))
 
     def add(self, rows: Array) -> None:
         """Take the next rows of `Segment.rows`."""

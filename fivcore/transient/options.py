@@ -86,19 +86,23 @@ class Options:
     modify: Modify | None = None
     beta2: float | None = None
     until: Until | None = None
+    # The run that goes on, where `initial` is its end.
+    resumed: Any = None
 
     @property
     def contact(self) -> int:
         """Contact status at the start."""
         return STICK if self.initial is None else self.initial.contact
 
-    def record_of(self, scene: Normalised, fields: Any) -> Any:
-        """A method's record (1,) with the counters at the start of a run."""
+    def record_of(self, scene: Normalised, fields: Any, record: Any = None, time: float = 0.0) -> Any:
+        """A method's record (1,), by default a new one, with the counters at the start of a run at `time`, s."""
         # A stick between two samples interrupts no vibration.
         least = max(LONG_STICK * loading_time(scene), INTERVAL * scene.rig.time_unit)
         least = least if self.min_stick is None else self.min_stick
         settling = SETTLING * scene.rig.time_unit
-        return begin(np.zeros(1, fields), self.settle, settling, least, self.contact)
+        record = np.zeros(1, fields) if record is None else record
+        contact = int(record["contact"][0]) if self.resumed is not None else self.contact
+        return begin(record, self.settle, settling, least, contact, time)
 
     def rows(self, step: float) -> tuple[int, float | None]:
         """Steps between the rows of a record, 0 for none; rate at which series are interpolated in them, Hz."""
@@ -130,10 +134,13 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
         raise InputError(f"sample_rate = {rate:g}: over this duration it must be at most {1e8 / duration:g} Hz")
     checks.between("V / F", normalised.speed_per_load, 1e-12, 1e8, "m/s per N")
     options |= {"ramp": ramp, "record": record, "skip": options.pop("leap")}
-    if options["initial"] is not None:
-        options["initial"] = _state(options["initial"], scene, normalised)
+    if (initial := options["initial"]) is not None:
+        run = _continued(initial, normalised, options)
+        options |= {"resumed": run, "ramp": options["ramp"] if run is None else run.options.ramp}
+        options["initial"] = _state(initial, scene, normalised)
     if times is not None:
-        options["sample_times"] = _times(times, record, duration)
+        start = 0.0 if options.get("resumed") is None else initial.time
+        options["sample_times"] = _times(times, record, start, duration)
     return Options(**options)
 
 
@@ -184,7 +191,16 @@ def _names(record: Any) -> tuple[str, ...]:
     return tuple(name for name in SERIES if name in names)
 
 
-def _times(sample_times: Any, names: tuple[str, ...], duration: float) -> Array:
+def _continued(initial: Any, normalised: Normalised, options: dict[str, Any]) -> Any:
+    """The run whose end `initial` is, if that was of the same scene, method and model; else None."""
+    scene, run = getattr(initial, "origin", None) or (None, None)
+    model = ("method", "numerical_damping", "cutoff", "step", "modify", "beta2")
+    if scene != normalised or run is None:
+        return None
+    return run if all(getattr(run.options, name) == options[name] for name in model) else None
+
+
+def _times(sample_times: Any, names: tuple[str, ...], start: float, duration: float) -> Array:
     if not names:
         raise InputError("sample_times: they are for what is recorded, and nothing is; give record = True")
     try:
@@ -193,9 +209,10 @@ def _times(sample_times: Any, names: tuple[str, ...], duration: float) -> Array:
         raise InputError("sample_times: they must be numbers, s") from None
     if times.ndim != 1 or not np.all(np.isfinite(times)) or np.any(np.diff(times) < 0.0):
         raise InputError(f"sample_times of shape {times.shape}: they must be a row of finite, ascending times, s")
-    if len(times) and not (times[0] >= 0.0 and times[-1] <= duration):
+    if len(times) and not (times[0] >= start and times[-1] <= start + duration):
         raise InputError(
-            f"sample_times from {times[0]:g} to {times[-1]:g} s: they must be from 0 to duration = {duration:g} s"
+            f"sample_times from {times[0]:g} to {times[-1]:g} s: they must be from {start:g} to"
+            f" {start + duration:g} s, the run's start and end"
         )
     return times
 
@@ -203,19 +220,25 @@ def _times(sample_times: Any, names: tuple[str, ...], duration: float) -> Array:
 def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
     """The given state, normalised."""
     try:
-        q, v, contact = vars(initial).values() if isinstance(initial, State) else initial
+        given = initial if isinstance(initial, State) else State(*initial)
+        q, v, contact = given.displacement, given.velocity, given.contact
         q, v = np.asarray(q), np.asarray(v)
     except (TypeError, ValueError):
         raise InputError("initial: it must be modal displacements, modal velocities and a contact state") from None
     own = structure_of(scene.rig, scene.theta)
     modes = len(own.frequency)
     for name, part in (("displacements", q), ("velocities", v)):
-        if part.shape != (modes,) or part.dtype.kind not in "iuf" or not np.all(np.abs(part) < 1e50):
+        if (
+            part.shape not in {(modes,), (modes + own.static,)}
+            or part.dtype.kind not in "iuf"
+            or not np.all(np.abs(part) < 1e50)
+        ):
             text = f"initial: modal {name} of shape {part.shape}: they must be {modes} finite numbers below 1e50"
             raise InputError(text)
     if not isinstance(contact, (int, np.integer)) or isinstance(contact, bool) or contact not in (0, 1, 2):
         raise InputError(f"initial: contact state {contact!r}: it must be 0 (separation), 1 (stick) or 2 (slip)")
-    if normalised.sense < 0:
+    if normalised.sense < 0 and given.origin is None:
         raise InputError("initial: with V < 0 give the mirrored scene (scene.mirrored()) and its state")
-    q, v = (np.pad(part.astype(float) / normalised.load, (0, own.static)) for part in (q, v))
-    return State(q, v, int(contact))
+    q, v = (part.astype(float) / normalised.load for part in (q, v))
+    q, v = (np.pad(part, (0, modes + own.static - len(part))) for part in (q, v))
+    return State(q, v, int(contact), given.running)

@@ -103,7 +103,9 @@ class PaperRun(SteppedRun):
         painleve = painleve_mu(model, dt, b, TAU / STEP * usual)
         if scene.mu >= painleve:
             raise not_unique(scene.mu, painleve)
-        ramp, speed = options.ramp, scene.speed_per_load
+        initial, speed = options.initial, scene.speed_per_load
+        starts = initial is None or not initial.running
+        ramp = options.ramp if starts else 0.0
         super().__init__(scene, options, dt, round(SEGMENT * rig.time_unit / dt), SCENE)
         self._inverse = 1.0 / (1.0 + b * dt * model.damping)
         record = self.record
@@ -118,9 +120,8 @@ class PaperRun(SteppedRun):
         self._load = model.stiffness * model.rest - model.normal
         q, T = model.rest.copy(), 0.0
         v, a = np.zeros((2, len(q)))
-        initial = options.initial
         if initial is not None:
-            q, v = initial.displacement.copy(), initial.velocity.copy()
+            q, v = (part[: len(model.rest)].copy() for part in (initial.displacement, initial.velocity))
             a = self._load - model.stiffness * q - model.damping * v
             if initial.contact != SEPARATION:
                 # The gap does not accelerate, and what slips has its friction already.
@@ -130,7 +131,7 @@ class PaperRun(SteppedRun):
                 push = model.normal + m * model.tangential
                 N = -float(model.normal @ a) / float(model.normal @ push)
                 a, T = a + push * N, m * N
-        if ramp == 0.0:
+        if ramp == 0.0 and starts:
             v = v + model.inertia * speed
         record["last_gT"], record["last_T"] = model.tangential @ q, T
         self._first_energy = self._energy_of(q, v)
@@ -163,11 +164,15 @@ class PaperRun(SteppedRun):
     def _end_ramp(self, step: int) -> None:
         """Stop the acceleration of the clamp and predict step `step` anew."""
         # The rounded number of steps leaves a rest of the ramp, which acts as an impulse.
-        push = self._push * (self.options.ramp - step * self.step)
+        push = self._push * (float(self.record["ramp"][0]) - step * self.step)
         self.record["work"] += np.sum(push * (self._vs + 0.5 * push))
         self._vs += push
         self._f = self._load
         self._predict()
+
+    def state(self) -> tuple[Array, Array, Array]:
+        """Displacements from rest and velocities of the modes, which are all; v* stands for the velocity."""
+        return self._q - self.model.rest, self._vs, np.zeros(2)
 
     def stored_energy(self) -> float:
         """Energy of the modes and the load, normalised; v* stands for the velocity."""

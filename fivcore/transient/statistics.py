@@ -110,20 +110,24 @@ def enter(run: Any, was: int, contact: int, t: float) -> bool:
     return listed
 
 
-def begin(record: Any, settle: float | None, settling: float, least_stick: float, contact: int) -> Any:
-    """Set the counters of a record (1,) to the start of a run in a contact state, and return it.
+def begin(
+    record: Any, settle: float | None, settling: float, least_stick: float, contact: int, time: float = 0.0
+) -> Any:
+    """Set the counters of a record (1,) to the start of a run at some time, s, in a contact state, and return it.
 
     Without `settle` statistics start with the run, and anew `settling` after the first slip.
     """
     for name in EVENTS:
         record[name] = np.nan
-    record["settled_from"], record["settling"] = (0.0, settling) if settle is None else (settle, np.nan)
+    for name in (*SETTLED, *ENERGIES):
+        record[name] = 0.0
+    record["settled_from"], record["settling"] = (time, settling) if settle is None else (settle, np.nan)
     record["least_stick"] = least_stick
     # `enter` sees changes only.
     if contact == SEPARATION:
-        record["first_separation"] = 0.0
+        record["first_separation"] = time
     if contact == SLIP:
-        record["first_slip"] = 0.0
+        record["first_slip"] = time
         if settle is None:
-            record["settled_from"] = settling
+            record["settled_from"] = time + settling
     return record

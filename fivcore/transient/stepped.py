@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,13 @@ from fivcore.transient.options import Options
 from fivcore.transient.statistics import SAMPLE, Segment, count_in, room_for_sticks
 
 
+def duplicate(run: Any) -> Any:
+    """A copy of a run with arrays of its own."""
+    other = copy(run)
+    vars(other).update({name: part.copy() for name, part in vars(run).items() if isinstance(part, np.ndarray)})
+    return other
+
+
 class SteppedRun:
     """One run in progress; a segment has `length` steps and does not pass step `_cut`.
 
@@ -21,10 +29,22 @@ class SteppedRun:
     """
 
     READ_AT = 1.0
-    may_settle = False
+    may_settle, begun = False, 0.0
     _cut, _first_energy = -1, 0.0
     _take: Any
     stored_energy: Any
+
+    def again(self, options: Options) -> Any:
+        """A run that goes on where this one has ended."""
+        run = duplicate(self)
+        run.options, run.begun = options, run.time
+        run.pause = run.steps = int(run.record["now"][0]) + max(round(options.duration / run.step), 1)
+        options.record_of(run.scene, None, run.record, run.begun)
+        run.record["row_every"] = options.rows(run.step)[0]
+        if "settle" in run.record.dtype.names:
+            run.record["settle"] = int(np.ceil(run.record["settled_from"][0] / run.step - 1.0))
+        run._first_energy = run.stored_energy()
+        return run
 
     def __init__(self, scene: Normalised, options: Options, step: float, length: float, fields: Any) -> None:
         self.scene, self.options, self.step = scene, options, step

@@ -48,31 +48,32 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
       long-run value. NaN where statistics last for less than 16 times the time in which the drive loads a stuck
       contact until it slips; for `mean_stick_time` with fewer than 12 sticks.
     """
-    scene, F, duration = run.scene, run.scene.load, run.steps * run.step
+    scene, F, begun, end = run.scene, run.scene.load, run.begun, run.steps * run.step
+    duration = end - begun
     counted = {name: float(run.record[name][0]) for name, _ in FIELDS}
     states, start = ("stick", "slip", "separation"), counted["settled_from"]
     total = sum(counted[f"{state}_time"] for state in states)
-    if not (duration > start and total > 0.0):
+    if not (end > start and total > 0.0):
         counted, total = counted | dict.fromkeys(SETTLED, float("nan")), float("nan")
     share = {state: counted[f"{state}_time"] / total for state in states}
-    open_stick = float(np.fmax(duration - counted["stick_start"], 0.0))
+    open_stick = float(np.fmax(end - counted["stick_start"], 0.0))
     censored = int(open_stick >= counted["least_stick"])
-    rms, spread = observer.rms, observer.spread(0.75 * duration)
+    rms, spread = observer.rms, observer.spread(begun + 0.75 * duration)
     quiet = not rms > 1e-9 * scene.speed_per_load
     dominant = float("nan") if quiet else observer.moving.peak()
     period = observer.rate / dominant
     periodicity = observer.correlation.near(20.0 * period, 0.5 * period)
-    long = np.vstack([sticks, [duration - open_stick, duration]]) if censored else sticks
+    long = np.vstack([sticks, [end - open_stick, end]]) if censored else sticks
     filled = float(np.sum(np.maximum(long[:, 1] - np.maximum(long[:, 0], start), 0.0)))
-    driven = float(displacement(np.array(duration), scene.speed_per_load, run.options.ramp))
+    driven = float(np.diff(displacement(np.array([begun, end]), scene.speed_per_load, run.options.ramp))[0])
     distance = slip_distance(scene)
     regime = regime_of(
         slipped=not np.isnan(counted["first_slip"]),
         drive=driven / max(distance, 1e-300),
         slip_share=share["slip"],
         steadiness=0.0 if further and np.isnan(spread) else spread / scene.speed_per_load,
-        stick_share=filled / max(duration - start, 1e-300),
-        last_stick=float(long[-1, 0]) / duration if len(long) else 0.0,
+        stick_share=filled / max(end - start, 1e-300),
+        last_stick=(float(long[-1, 0]) - begun) / duration if len(long) else 0.0,
         periodicity=periodicity,
     )
     if regime == "steady sliding":
@@ -80,7 +81,7 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
         dominant = periodicity = float("nan")
     lengths = sticks[:, 1] - sticks[:, 0]
     unit = scene.rig.time_unit
-    degrees = degrees_of_freedom((duration - start) / unit, loading_time(scene) / unit)
+    degrees = degrees_of_freedom((end - start) / unit, loading_time(scene) / unit)
     decided = not (regime in ("undecided", "stuck", "steady sliding") or further)
     errors = standard_errors(observer, degrees if decided else 0, lengths)
     if further or regime in ("stuck", "steady sliding"):
@@ -89,7 +90,7 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
     exchanged = float(np.abs([work, released, *lost]).sum())
     exchanged = max(exchanged, reference_energy(scene, run.options.initial))
     # The largest standard error of a share over one second says how seldom the motion changes its kind.
-    unsteady = max(errors[f"{state}_fraction"] for state in states) * np.sqrt(max(duration - start, 0.0) / unit)
+    unsteady = max(errors[f"{state}_fraction"] for state in states) * np.sqrt(max(end - start, 0.0) / unit)
     cutoff, method = run.options.cutoff, run.options.method
     expected = float(np.hypot(CUTOFF_ERROR, UNSTEADY * unsteady))
     if method == "paper" or cutoff is not None or not isinstance(scene.rig, Rig):

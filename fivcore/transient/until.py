@@ -23,13 +23,13 @@ class Watch:
     def __init__(self, run: Any, until: Until) -> None:
         self._run, self._until, self.known = run, until, False
         self._loading_time = loading_time(run.scene)
-        self._stuck = SLIP_DRIVE * self._loading_time + 0.5 * run.options.ramp
+        self._stuck = SLIP_DRIVE * self._loading_time + (0.5 * run.options.ramp if run.begun == 0.0 else 0.0)
         self._plan()
 
     def _plan(self) -> None:
         """Let the run go on to the next check, where samples and segments end together."""
         run, record, grid = self._run, self._run.record, MAX_SKIP / self._run.rate
-        start, time = 0.0, max(self._until.least, self._stuck, grid)
+        start, time = run.begun, max(self._until.least, self._stuck, grid)
         if not np.isnan(record["first_slip"][0]):
             start = float(record["settled_from"][0])
             time = max(self._until.least / LATER, LOADING_TIMES * self._loading_time, grid / LATER)
@@ -52,12 +52,12 @@ class Watch:
     def _is_known(self, observer: Observer) -> bool:
         run = self._run
         if np.isnan(run.record["first_slip"][0]):
-            return bool(run.time >= self._stuck)
+            return bool(run.time - run.begun >= self._stuck)
         unit = run.scene.rig.time_unit
         observed = run.time - float(run.record["settled_from"][0])
         errors = errors_of_means(observer.shares(), degrees_of_freedom(observed / unit, self._loading_time / unit))
         if errors.any():
             return bool(np.all(errors <= self._until.standard_error))
         # Nothing but slip: where a proof that it lasts can still come, a vibration may grow slowly.
-        spread = observer.spread(0.75 * run.time) / run.scene.speed_per_load
+        spread = observer.spread(run.begun + 0.75 * (run.time - run.begun)) / run.scene.speed_per_load
         return bool(spread < (NEAR if run.may_settle else STEADY_SPREAD))

@@ -150,7 +150,7 @@ def recorded_from(run, x, sliding, speed, last):
     run._place(x[:size], x[size:-1])
     run.record["contact"] = SLIP
     run.record["u_N"], run.record["u_T"], run.record["anchor"] = sliding.readings(speed)[PENETRATION], x[-1], 0.0
-    run.record["now"], run.steps = 80, last
+    run.record["now"], run.pause, run.steps = 80, last, last
     while not run.done:
         run.advance()
         rows += [segment.rows for segment in run.segments]

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from itertools import chain
+from typing import Any
 
 import numpy as np
 
@@ -39,6 +40,7 @@ from fivcore.transient.statistics import (
     count_in,
     room_for_sticks,
 )
+from fivcore.transient.stepped import duplicate
 
 # Segments, s: where motion may settle, which is examined after each, and elsewhere.
 SHORT_SEGMENT, LONG_SEGMENT = 0.04, 0.25
@@ -49,7 +51,9 @@ MOST_ROWS = 10_000
 
 
 class FastRun:
-    """One run in progress."""
+    """One run in progress; `begun` is its start, s, where it goes on from another."""
+
+    begun = 0.0
 
     def __init__(self, scene: Normalised, options: Options) -> None:
         self.scene, self.options = scene, options
@@ -74,7 +78,8 @@ class FastRun:
         # The run goes no further than to step `pause`, which may move.
         self.pause = self.steps = max(round(options.duration / self.step), 1)
         # A ramp shorter than a step is none.
-        self._ramp = options.ramp if options.ramp >= self.step else 0.0
+        starts = options.initial is None or not options.initial.running
+        self._ramp = options.ramp if starts and options.ramp >= self.step else 0.0
         self._ramp_ends = int(self._ramp / self.step)
         finer = options.cutoff is None and options.initial is None and bool(model.K.any())
         finer = finer and isinstance(scene.rig, Rig)
@@ -132,7 +137,9 @@ class FastRun:
                     u = np.asarray(np.linalg.solve(solver.impulse.stiffness, model.K @ u))
         # Within the ramp coordinates are deviations from the equilibrium in the accelerating frame.
         self._shift = np.zeros(len(q))
-        if self._ramp > 0.0:
+        if initial is not None and initial.running:
+            q += solver.between_impulses(solver.impulse.stiffness @ u * (contact != SEPARATION))
+        elif self._ramp > 0.0:
             elastic = model.stiffness > 0.0
             push = model.inertia[elastic] * scene.speed_per_load / self._ramp
             self._shift[elastic] = push / model.stiffness[elastic]
@@ -145,8 +152,42 @@ class FastRun:
         record["contact"], record["u_N"], record["u_T"] = contact, *u
         record["anchor"] = u[1] + model.tangential @ q + solver.at_rest[1]
         self._place(*_move(model, q - self._shift, v, 0.5 * self.step))
+        if initial is not None and initial.running:
+            # Stick holds the surfaces where they are at the first impulse.
+            u[1] -= 0.5 * self.step * (model.tangential @ v - scene.speed_per_load)
+            drive = 0.5 * self.step * scene.speed_per_load
+            record["anchor"] = u[1] + float(record["g_T"][0]) + solver.at_rest[1] - drive
         if contact == STICK:
             record["next_skip"] = 0
+
+    def again(self, options: Options) -> FastRun:
+        """A run that goes on where this one has ended."""
+        run: FastRun = duplicate(self)
+        run.blocks, run.options, run.begun = aligned(self.blocks), options, self.time
+        run.pause = run.steps = self.now + max(round(options.duration / self.step), 1)
+        run._row_every = options.rows(self.step)[0]
+        run.may_settle = options.end_early and bool(self.model.K.any()) and self.scene.friction.constant
+        run._first_energy = self.stored_energy()
+        run._set_settle(options.record_of(self.scene, None, run.record, self.time))
+        return run
+
+    def state(self) -> tuple[Array, Array, Array]:
+        """Displacements from rest and velocities of the modes, and the gaps of the others, between two steps."""
+        solver, K = self._solver, self.model.K
+        touches, u = bool(self.record["contact"] != SEPARATION), self._u
+        force = solver.impulse.stiffness @ u if touches else np.zeros(2)
+        q, v = self._between(solver)
+        if touches and K.any():
+            # The law has u_N, and in stick u_T, in the middle of the last step.
+            drive = self.scene.speed_per_load * min(self.time / self._ramp if self._ramp else 1.0, 1.0)
+            rates = self.model.shapes @ v - [0.0, drive]
+            rates[1] *= self.record["contact"][0] == STICK
+            u = np.linalg.solve(K, force) - 0.5 * solver.step * rates
+        return q + self._shift - solver.between_impulses(force), v, np.asarray(u)
+
+    def _set_settle(self, record: Any) -> None:
+        settled = float(record["settled_from"][0])
+        record["settle"] = int(np.ceil(settled / self._solver.step - 0.5)) if settled < np.inf else 0
 
     def _use(self, solver: Solver) -> None:
         """Go on with a solver; the record keeps what belongs to the run."""
@@ -157,8 +198,7 @@ class FastRun:
         self._solver, self.blocks = solver, aligned(solver.blocks)
         record["speed"], record["ramp"] = self.scene.speed_per_load, self._ramp
         record["acceleration"] = self.scene.speed_per_load / self._ramp if self._ramp > 0.0 else 0.0
-        settled = float(record["settled_from"][0])
-        record["settle"] = int(np.ceil(settled / solver.step - 0.5)) if settled < np.inf else 0
+        self._set_settle(record)
 
     def _place(self, q: Array, v: Array) -> None:
         """Put the modes where they are before an impulse."""
@@ -218,7 +258,7 @@ class FastRun:
         else:
             ramp_ends, length = self._ramp_ends, min(max(round(self._length / self.step), 1), MOST_STEPS)
             if now >= self._until:
-                last = min((now // grid + (1 if now % grid else max(length // grid, 1))) * grid, self.steps)
+                last = (now // grid + (1 if now % grid else max(length // grid, 1))) * grid
                 self._until = min(last, ramp_ends) if now < ramp_ends else last
             last = self._until
             if now >= ramp_ends and self._fine is not None:
@@ -253,7 +293,7 @@ class FastRun:
             if not self._opened and (stopped or opened or now >= self._onset_ends):
                 self._opened = True
                 coarse = -(-now // onset.FINER) + round(onset.AFTER / self.step)
-                self._onset_ends = min(coarse, self.steps) * onset.FINER
+                self._onset_ends = coarse * onset.FINER
             if self._opened and now >= self._onset_ends:
                 self._leave_onset()
             return
@@ -268,7 +308,7 @@ class FastRun:
                 return
         elif now < self._until:
             return
-        elif now > self._ramp_ends and self.steps - now > round(self._length / self.step):
+        elif self._ramp_ends < now < self.steps:
             steady = self._settled(segment)
             if steady is not None:
                 self.segments = chain([segment], self._fill(steady))
@@ -296,7 +336,7 @@ class FastRun:
         state = onset.prolong(coarse, fine, *self._between(coarse), self._u)
         self._change_to(fine, state, now * self.step)
         self.record["now"] = now * onset.FINER
-        self._onset_ends = min(self.steps, now + round(onset.LONGEST / self.step)) * onset.FINER
+        self._onset_ends = (now + round(onset.LONGEST / self.step)) * onset.FINER
         self._opened = False
 
     def _leave_onset(self) -> None:
