@@ -63,6 +63,9 @@ class Study:
     check : callable, optional
         Takes parameters by name, one value or an array, or `rig`, the first; raises `ValueError` for what cannot
         be computed.
+    follows : str
+        The parameter that names another, whose range is the dimension "followed" of the outputs and goes by its
+        own name in a result: `scenes` has a tuple of scenes for each point, one for each value in their order.
     normalised : bool
         Compute the scaled scene with V > 0 and F = 1 once for all points that are equivalent to it;
         `Variable.scale` "load" or "along" names the factor of a point. A function that takes no scenes is of
@@ -86,6 +89,7 @@ class Study:
     claims: Sequence[Claim] = field(default=(), kw_only=True)
     coords: Mapping[str, Axis] | Callable[..., Mapping[str, Axis]] = field(default_factory=dict, kw_only=True)
     check: Callable[..., None] | None = field(default=None, kw_only=True)
+    follows: str = field(default="", kw_only=True)
     normalised: bool = field(default=False, kw_only=True)
     chaotic: bool = field(default=False, kw_only=True)
     beams: bool = field(default=False, kw_only=True)
@@ -202,7 +206,9 @@ class Study:
             fixed["distributions"] = {name: draw.text for name, draw in draws.items()}
             chosen |= {name: default[name] for name in draws}
             draws = {}
-        inner = {n: self._axis(n, v) for n, v in chosen.items() if self.parameters[n].inner}
+        followed = self._followed(chosen, requested)
+        names = [followed] if followed else [name for name in chosen if self.parameters[name].inner]
+        inner = {name: self._axis(name, chosen[name]) for name in names}
         axes = {n: self._axis(n, v) for n, v in chosen.items() if np.ndim(v) and n not in inner and n not in draws}
         fixed |= {n: v for n, v in chosen.items() if n not in axes and n not in inner and n not in draws}
         fixed |= {name: axis.values.tolist() for name, axis in inner.items()}
@@ -212,6 +218,9 @@ class Study:
         grid = self._grid(axes, draws, columns, samples, seed, sampling)
         check_size(grid)
         outputs, coords = dict(self.outputs), dict(inner) | self._coords(fixed)
+        for name, variable in outputs.items() if followed else ():
+            dims = tuple(followed if dim == "followed" else dim for dim in variable.dims)
+            outputs[name] = replace(variable, dims=dims)
         if len(record) or sample_rate is not None:
             kept, elapsed = self._recorded(tuple(record), sample_rate, fixed)
             coords.setdefault("elapsed", elapsed)
@@ -221,7 +230,7 @@ class Study:
         common = tuple(n for n in grid.axes if n in self.parameters and self.parameters[n].common)
         shapes = {name: tuple(len(coords[dim]) for dim in each.dims) for name, each in outputs.items()}
         times = coords["elapsed"].values if "elapsed" in coords else None
-        call = Call(self.function, common, self.normalised, tuple(self.parameters), shapes, times)
+        call = Call(self.function, common, self.normalised, tuple(self.parameters), shapes, times, followed)
         numbers = {name: fixed[name] for name in (*SCENE, *FRICTION) if name in fixed}
         others = tuple(name for name in grid.axes if name not in (*SCENE, *FRICTION, "sample", "row"))
         unordered, steady = ("V", "mu", "F", *FRICTION), "scenes" not in self.takes
@@ -231,7 +240,7 @@ class Study:
         about = {
             name: (fixed[name], parameter.units, parameter.text)
             for name, parameter in self.parameters.items()
-            if name in fixed and not parameter.inner
+            if name in fixed and name not in inner
         }
         return Sweep(
             self.name,
@@ -249,6 +258,22 @@ class Study:
             order_by=() if draws or columns else tuple(name for name in axes if name not in unordered),
             request={"fixed": about},
         )
+
+    def _followed(self, chosen: dict[str, Any], requested: Mapping[str, Any]) -> str:
+        """The parameter that is followed, with a range; sets others whose default is one to the usual value."""
+        if not self.follows:
+            return ""
+        name = chosen[self.follows]
+        if np.ndim(name):
+            raise InputError(f"{self.follows} = {', '.join(name)}: give one; run the study once for each")
+        if len(np.ravel(chosen.get(name, 0.0))) < 2:
+            raise InputError(f"{name}: it is followed; give several values of it, as {name}=START:STOP:COUNT")
+        for each in (n for n, parameter in self.parameters.items() if parameter.inner and n != name):
+            value = np.ravel(requested.get(each, SCENE[each].default))
+            if len(value) > 1:
+                raise InputError(f"{each}: {name} is followed; give one value of {each}, or {self.follows}={each}")
+            chosen[each] = value[0].item()
+        return str(name)
 
     def _read(self, name: str, value: Any) -> Any:
         parameter = self.parameter(name)
@@ -360,7 +385,8 @@ class Study:
         problems: list[Exception] = []
         for row, (place, numbers) in enumerate(_rows(grid)):
             try:
-                _build({**fixed, **numbers}, self.takes | ({"scenes"} if self.normalised else set()))
+                for each in _steps({**fixed, **numbers}, next(iter(inner), "") if self.follows else ""):
+                    _build(each, self.takes | ({"scenes"} if self.normalised else set()))
             except ValueError as problem:
                 if grid.dims[0] != "sample":
                     raise InputError(f"{place}{problem}") from None
@@ -393,6 +419,11 @@ def _rows(grid: Grid) -> Iterator[tuple[str, dict[str, Any]]]:
             yield place, {**first, **{name: grid.axes[name].values[k].item() for name in group}}
 
 
+def _steps(numbers: Mapping[str, Any], followed: str) -> list[dict[str, Any]]:
+    """The numbers at each value of the parameter that is followed."""
+    return [{**numbers, followed: value} for value in numbers[followed]] if followed else [{**numbers}]
+
+
 def _build(numbers: Mapping[str, Any], takes: set[str]) -> None:
     if "scenes" in takes:
         scenes.scene_of(numbers)
@@ -419,6 +450,7 @@ class Call:
         Of each output at a point.
     times : ndarray or None
         Of recorded series, s.
+    followed : str
     """
 
     function: Callable[..., Mapping[str, Any]]
@@ -427,6 +459,7 @@ class Call:
     parameters: tuple[str, ...]
     shapes: Mapping[str, tuple[int, ...]]
     times: NDArray[Any] | None
+    followed: str = ""
 
     def arguments(self, numbers: Mapping[str, Any], count: int) -> dict[str, Any]:
         """Arguments of the function for `count` points."""
@@ -438,7 +471,8 @@ class Call:
         if "rig" in signature:
             given["rig"] = scenes.rig_of(numbers)
         if "scenes" in signature:
-            given["scenes"] = scenes.scenes_of(numbers, count)
+            steps = [scenes.scenes_of(each, count) for each in _steps(numbers, self.followed)]
+            given["scenes"] = list(zip(*steps, strict=True)) if self.followed else steps[0]
         if "times" in signature:
             given["times"] = self.times
         if "record" in signature:
