@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 DIRECTIONS = ("up", "down")
 # Extrema of the velocity of B that are kept, and how long they are looked for, s.
 EXTREMA, WINDOW = 48, 0.04
+# Speeds from one value to the next where V is followed.
+SPEEDS = 8
 KEPT = ("stick_fraction", "separation_fraction", "velocity_rms", "dominant_frequency")
 ALONG = ("followed", "direction")
 # Parameters that can be followed: those with numbers, but for the elements.
@@ -74,6 +76,14 @@ def loop(chain: Sequence[Scene], number: float, hold: float, run: dict[str, Any]
             loading = 0.5 * run["ramp"] + ensemble.loading_time(scene)
             job = runs.job(scene, loading + settling + hold, run)
         else:
+            # A change of V is a jump of the slip rate, which knocks a vibration: it is made in small ones.
+            for speed in np.linspace(before.V, scene.V, SPEEDS + 1)[1:-1] if scene.V != before.V else ():
+                between = replace(scene, V=float(speed))
+                state, before = mapped(state, before, between)[0], between
+                (moved,) = run_all([runs.job(between, hold / SPEEDS, run, initial=state)])
+                if isinstance(moved, Exception):
+                    return moved
+                state = moved.final_state or state
             state, error = mapped(state, before, scene)
             job = runs.job(scene, settling + hold, run | {"settle": settling}, initial=state)
         motion = balanced(job, run_all([job])[0])
@@ -98,12 +108,13 @@ def tail(job: Job, motion: Transient) -> Job:
     return Job(job.scene, WINDOW * job.scene.rig.time_unit, options)
 
 
-def mapped(state: State, before: Scene, after: Scene) -> tuple[State, float]:
+def mapped(state: State | None, before: Scene, after: Scene) -> tuple[State, float]:
     """The state of one scene for another, and the jump of the gaps' rates relative to V.
 
     Every mode keeps its deviation from the equilibrium under the load, and its velocity relative to the clamp:
     steady sliding at one speed becomes that at another.
     """
+    assert state is not None
     old, new = (full_model(scene.rig, scene.drive_theta) for scene in (before, after))
     q = state.displacement + _load(after) * new.rest - _load(before) * old.rest
     jump = np.abs(new.shapes @ state.velocity - old.shapes @ state.velocity).max() / abs(after.V)

@@ -1,0 +1,130 @@
+"""States: runs that go on from the end of another, and starts in slip, in stick and in separation."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fivcore import Friction, InputError, Rig, Scene, State, Structure, Until, simulate
+from fivcore.contact.reduced import full_model
+
+SCENE = Scene(2e-3, 5.0, 0.2, 9.0)
+SLIDING = replace(SCENE, mu=0.05)
+SERIES = ("velocity_B", "normal_force", "tangential_force", "slip_velocity", "state")
+
+
+def parts(scene, times, duration, method="fast", **options):
+    """A run in one piece, and the same in pieces that end at these times."""
+    options = {"record": True, "sample_rate": None} | options
+    whole, state, pieces = simulate(scene, duration, method, **options), None, []
+    for begin, end in zip([0.0, *times], [*times, duration], strict=True):
+        pieces.append(simulate(scene, end - begin, method, initial=state, **options))
+        state = pieces[-1].final_state
+    return whole, pieces
+
+
+@pytest.mark.parametrize(("scene", "options"), [
+    # In the ramp, before the first slip, in the onset, in the burst; from rest without a ramp.
+    (SCENE, {"leap": False}),
+    (replace(SCENE, V=-5e-3), {"leap": False}),
+    (replace(SCENE, friction=Friction(0.6, 0.01)), {"leap": False}),
+    (SCENE, {"leap": False, "ramp": 0.0, "cutoff": 60e3}),
+    (SLIDING, {"leap": False, "end_early": False}),
+])  # fmt: skip
+def test_a_run_in_pieces_has_the_bits_of_one(scene, options):
+    first = simulate(scene, 0.2, **options).summary["first_slip_time"]
+    # Whole numbers of steps.
+    times = [2e-5 * round(t / 2e-5) for t in (4e-4, 0.3 * first, first - 2e-4, first + 3e-4, first + 0.03)]
+    whole, pieces = parts(scene, times, times[-1] + 0.02, **options)
+    for name in ("time", *SERIES):
+        joined = np.concatenate([getattr(piece, name) for piece in pieces])
+        assert np.array_equal(joined, getattr(whole, name)), name
+    a, b = pieces[-1].final_state, whole.final_state
+    assert np.array_equal(a.displacement, b.displacement)
+    assert np.array_equal(a.velocity, b.velocity)
+    assert (a.contact, a.time, a.running) == (b.contact, b.time, True)
+    assert not pieces[0].final_state.running or options.get("ramp") == 0.0
+
+
+def test_skips_and_the_published_scheme_go_on_with_their_bits():
+    # A skip crosses neither these times nor the start of the statistics.
+    grid = 1024 * 20e-6
+    whole, pieces = parts(replace(SCENE, V=1e-3), [3 * grid, 11 * grid], 16 * grid, settle=0.0)
+    assert np.array_equal(np.concatenate([p.velocity_B for p in pieces]), whole.velocity_B)
+    whole, pieces = parts(SCENE, [5e-4, 1.7e-3], 3e-3, "paper", ramp=1e-3)
+    assert np.array_equal(np.concatenate([p.normal_force for p in pieces]), whole.normal_force)
+    whole, pieces = parts(SCENE, [5e-4, 1.7e-3], 3e-3, "exact", ramp=1e-3)
+    np.testing.assert_allclose(np.concatenate([p.normal_force for p in pieces]), whole.normal_force, rtol=1e-10)
+
+
+def test_statistics_of_a_piece_are_its_own():
+    one = simulate(SCENE, 1.0)
+    two = simulate(SCENE, 1.0, initial=one.final_state)
+    again = simulate(SCENE, 1.0, initial=one.final_state)
+    for name in ("stick_fraction", "velocity_rms"):
+        assert two.summary[name] == pytest.approx(one.summary[name], rel=0.1)
+        assert two.summary[name] == again.summary[name]
+    assert two.summary["simulated_time"] == pytest.approx(1.0)
+    assert two.summary["energy_residual"] < 5e-3
+    assert 1.0 <= two.summary["first_slip_time"] < 1.1
+    assert simulate(SCENE, Until(0.05, 0.3, 4.0), initial=one.final_state).summary["simulated_time"] < 4.0
+
+
+@pytest.mark.parametrize(("method", "scene", "time", "error"), [
+    ("fast", SCENE, 0.031, 3e-4), ("fast", SCENE, 0.1003, 3e-4), ("fast", SCENE, 0.21, 1e-2),
+    ("fast", SLIDING, 0.3, 3e-4), ("exact", SCENE, 0.01, 1e-9), ("paper", SCENE, 0.0101, 3e-3),
+])  # fmt: skip
+def test_modes_alone_go_on_with_the_motion(method, scene, time, error):
+    # Without its run a state is what all methods share; order 2 in the step of "fast" remains.
+    end = simulate(scene, time, method).final_state
+    same, modes = (
+        simulate(scene, 1e-4, method, initial=start, record=True, sample_rate=None)
+        for start in (end, replace(end))
+    )
+    assert same.state[0] == modes.state[0] == end.contact
+    for name in ("normal_force", "velocity_B"):
+        a, b = (getattr(run, name) for run in (same, modes))
+        size = 9.0 if name == "normal_force" else max(np.abs(a).max(), 1e-3)
+        assert np.abs(a - b).max() < error * size, name
+
+
+def test_steady_sliding_goes_on_at_another_speed_and_by_every_method():
+    end = replace(simulate(SLIDING, 1.0).final_state)
+    assert end.contact == 2
+    assert State.of(SLIDING, end.displacement, end.velocity).contact == 2
+    for method in ("fast", "exact", "paper"):
+        run = simulate(replace(SLIDING, V=3e-3), 2e-3, method, initial=end, record=True)
+        np.testing.assert_allclose(run.slip_velocity, -3e-3, rtol=1e-3)
+        np.testing.assert_allclose(run.normal_force, 9.0, rtol=1e-3)
+    run = simulate(SLIDING, 0.5, initial=end)
+    assert run.summary["regime"] == "steady sliding"
+    assert run.summary["first_slip_time"] == 0.0
+
+
+def test_the_contact_follows_from_gap_and_rate():
+    rig, full = Rig(), full_model(Rig(), 5.0)
+    q, still = 9.0 * full.rest, np.zeros(len(full.rest))
+    assert State.of(SCENE, q, still).contact == 2
+    up = 1e-6 * full.normal / (full.normal @ full.normal)
+    assert State.of(SCENE, q + up, still).contact == 0
+    moving = SCENE.V * full.tangential / (full.tangential @ full.tangential)
+    assert State.of(SCENE, q, moving).contact == 1
+    run = simulate(SCENE, 1e-4, initial=State.of(SCENE, q + up, still), record=True, sample_rate=None)
+    assert run.state[0] == 0
+    assert run.summary["first_separation_time"] == 0.0
+    with pytest.raises(InputError, match=r"modal velocities of shape \(3,\)"):
+        simulate(Scene(2e-3, 5.0, 0.2, 9.0, rig), 1e-3, initial=State.of(SCENE, q, still[:3]))
+
+
+def test_a_structure_keeps_what_its_modes_leave_out():
+    n = 40
+    K = 1e6 * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    own = Structure.from_matrices(0.1 * np.eye(n), K, normal={n - 1: 1.0}, tangential={n - 2: 1.0},
+                                  load={n - 1: -1.0}, damping_ratio=0.01, fmax=300.0)  # fmt: skip
+    scene = Scene(0.01, 0.0, 0.3, 10.0, own)
+    whole, pieces = parts(scene, [0.1], 0.2, leap=False)
+    assert np.array_equal(np.concatenate([p.normal_force for p in pieces]), whole.normal_force)
+    end = pieces[0].final_state
+    assert len(end.displacement) > len(own.frequency)
+    run = simulate(scene, 1e-3, initial=replace(end), record=True, sample_rate=None)
+    assert run.normal_force[0] == pytest.approx(pieces[1].normal_force[0], rel=2e-2)
