@@ -144,10 +144,11 @@ def respond(
 ) -> None:  # fmt: skip
     """Take a deviation `d` through the contact law of a step, by the branch of the motion.
 
-    `was` and `contact` are the contact's status before and after, `met` says whether the surfaces met; slip rate, N
-    and T are those of the motion.
+    `was` and `contact` are the contact's status before and after, `met` says whether the surfaces met; slip rate,
+    N and T are those of the motion.
     """
-    maps, relax, M, by_q, by_v = scene.stick_law[np.uint64(was)], scene.relax, scene.M, scene.after_q, scene.after_v
+    maps, relax, M = scene.stick_law[np.uint64(was)], scene.relax, scene.M
+    by_q, by_v = scene.after_q, scene.after_v
     p = -added(d.g_N, by_q[0], d.impulse_N, by_q[1], d.impulse_T)
     gT = added(d.g_T, by_q[1], d.impulse_N, by_q[2], d.impulse_T)
     vN = added(d.v_N, by_v[0], d.impulse_N, by_v[1], d.impulse_T)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from itertools import chain
+from typing import Any
 
 import numpy as np
 
@@ -101,7 +102,7 @@ class FastRun:
         self.segments: Iterable[Segment] = ()
         self.record = options.record_of(scene, at.SCENE)
         # A deviation that follows the motion (`kernel.advance`).
-        self.tangent: tuple[()] | tuple[Array, Array] = ()
+        self.tangent: Any = ()
         self._tables = NONE
         self._solver = self._coarse = frozen_solver(model, scene.mu, self.step, law)
         self.blocks = aligned(self._solver.blocks)
