@@ -26,7 +26,7 @@ from fivcore.rig import Rig, Scene, Structural, checked_theta
 from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
 from fivcore.transient.normalised import Normalised, State
-from fivcore.transient.options import Until, law_options, options_for
+from fivcore.transient.options import Options, Until, law_options, options_for
 
 
 def simulate(
@@ -175,13 +175,17 @@ def simulate_many(
         if (given := len(arguments[name])) != len(scenes):
             raise InputError(f"{name}: a list of {given}: it must have one entry for each of {len(scenes)} scenes")
     for k, scene in enumerate(scenes):
-        checks.instance("scene", scene, Scene)
-        options = arguments | {name: arguments[name][k] for name in own}
-        normalised = Normalised.of(scene)
-        checked = options_for(scene, normalised, options)
-        rig = published.with_numerical_damping(normalised.rig, checked.method, checked.numerical_damping)
-        requests.append((scene, replace(normalised, rig=rig), checked))
-    return [drive(*request) for request in requests]
+        requests.append(request(scene, arguments | {name: arguments[name][k] for name in own}))
+    return [drive(*each) for each in requests]
+
+
+def request(scene: Scene, arguments: dict[str, Any]) -> tuple[Scene, Normalised, Options]:
+    """Check a scene and the arguments of `simulate`, by name, and return what `driver.Job` needs."""
+    checks.instance("scene", scene, Scene)
+    normalised = Normalised.of(scene)
+    checked = options_for(scene, normalised, arguments)
+    rig = published.with_numerical_damping(normalised.rig, checked.method, checked.numerical_damping)
+    return scene, replace(normalised, rig=rig), checked
 
 
 def painleve_mu(

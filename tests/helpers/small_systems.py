@@ -101,7 +101,7 @@ class Fast:
         fill(record, sample_every=SAMPLED, next_sample=-(-now // SAMPLED) * SAMPLED)
         rows, samples = np.empty((steps, 6)), np.empty((count_in(now, last, SAMPLED), SAMPLE))
         sticks = np.empty((steps, 2))
-        kernel.advance(record, self.modes, samples, rows, sticks, NONE, workspace_for(NONE), ())
+        kernel.advance(record, self.modes, samples, rows, sticks, NONE, workspace_for(NONE), (), ())
         assert (record["now"], record["rows"], record["samples"]) == (last, steps, len(samples))
         return rows
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from fivcore.friction import slip_speed
+from fivcore.friction import friction_ratio, slip_speed
 from fivcore.jit import contracted, inlined, kernel, reordered
 from fivcore.transient.fast import data as at
 from fivcore.transient.fast.skip import skip
@@ -51,6 +51,17 @@ def move(x: Any, first: Any, count: Any, impulse_N: float, impulse_T: float) -> 
     return gN, gT, vN, vT
 
 
+@inlined
+def move_all(modes: Any, size: Any, blocks: int, impulse_N: float, impulse_T: float) -> Any:
+    """Move all blocks of modes, `size` modes in all."""
+    gN, gT, vN, vT = move(modes, np.uint64(0), min(size, _BLOCK), impulse_N, impulse_T)
+    for k in range(1, blocks):
+        place = np.uint64(k)
+        more = move(modes, place * _BLOCK_SIZE, min(size - place * _BLOCK, _BLOCK), impulse_N, impulse_T)
+        gN, gT, vN, vT = gN + more[0], gT + more[1], vN + more[2], vT + more[3]
+    return gN, gT, vN, vT
+
+
 @reordered
 def finish(x: Any, first: Any, count: Any, impulse_N: float, impulse_T: float) -> None:
     """Add what the last impulse has done to a block of modes."""
@@ -75,14 +86,16 @@ def observe(x: Any, first: Any, count: Any, last_N: float, last_T: float, half_N
 
 @kernel
 def advance(
-    scenes: Any, modes: Any, samples: Any, rows: Any, sticks: Any, tables: Any, work: Any, law: Any
+    scenes: Any, modes: Any, samples: Any, rows: Any, sticks: Any, tables: Any, work: Any, law: Any,
+    tangent: Any,
 ) -> None:  # fmt: skip
     """Take a scene to the end of its segment.
 
     `scenes` (1,) is its record of `data.SCENE` and `modes` its blocks in a row. `samples` (any, SAMPLE),
     `rows` (any, 6) and `sticks` (any, 2), begin and end, are written as in `statistics.Segment`; `tables` and
     `work` are those of `skip.skip`. `law` is `Friction.law` where friction depends on the slip rate, else (): each
-    is compiled by itself.
+    is compiled by itself. `tangent` is () or a small deviation that follows a motion without skips and without
+    rigid contact: its record (1,) of `data.TANGENT` and its modes, like `modes`.
     """
     scene = scenes[0]
     while scene.stopped == 0 and scene.now < scene.last:
@@ -91,7 +104,7 @@ def advance(
         if scene.now >= scene.next_skip:
             skip(scene, modes, samples, rows, tables, work)
         else:
-            take_steps(scene, modes, samples, rows, sticks, law)
+            take_steps(scene, modes, samples, rows, sticks, law, tangent)
 
 
 @inlined
@@ -126,7 +139,49 @@ def falling(scene: Any, law: Any, p: float, u: float, vN: float, vT: float, way:
 
 
 @contracted
-def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law: Any) -> None:
+def respond(
+    scene: Any, d: Any, law: Any, was: int, contact: int, met: bool, slip_rate: float, N: float, T: float
+) -> None:  # fmt: skip
+    """Take a deviation `d` through the contact law of a step, by the branch of the motion.
+
+    `was` and `contact` are the contact's status before and after, `met` says whether the surfaces met; slip rate,
+    N and T are those of the motion.
+    """
+    maps, relax, M = scene.stick_law[np.uint64(was)], scene.relax, scene.M
+    by_q, by_v = scene.after_q, scene.after_v
+    p = -added(d.g_N, by_q[0], d.impulse_N, by_q[1], d.impulse_T)
+    gT = added(d.g_T, by_q[1], d.impulse_N, by_q[2], d.impulse_T)
+    vN = added(d.v_N, by_v[0], d.impulse_N, by_v[1], d.impulse_T)
+    vT = added(d.v_T, by_v[1], d.impulse_N, by_v[2], d.impulse_T)
+    dN, dT, u, before, first = 0.0, 0.0, d.u_T, d.u_T, d.u_N
+    if met:
+        first, u = p, d.anchor - gT if was == STICK else u
+        dN = maps[0] * p + maps[1] * u + maps[2] * vN + maps[3] * vT
+        dT = maps[4] * p + maps[5] * u + maps[6] * vN + maps[7] * vT
+        shift = maps[8] * (vT + M[1] * dN + M[2] * dT)
+        before = u + shift if was == STICK else u
+    if contact == STICK:
+        d.u_N, d.u_T = p, u if was == STICK else u - shift
+        d.anchor = gT + d.u_T
+    elif contact == SLIP:
+        # T = m N; where m depends on the slip speed, by the derivative of that speed's equation (`falling`).
+        s, m, dm = scene.slide, T / N, 0.0
+        inverse, alpha = 1.0 / (s[2] - s[3] * m), s[0] * p + s[1] * vN
+        if len(law) > 0:
+            free, mobility = vT - s[4] * before + s[5] / s[2] * alpha, s[6] + s[5] / s[2] * s[3]
+            slope = scene.mu * friction_ratio(abs(slip_rate), law[0], law[1], law[2])[1]
+            dm = -slope * (free + mobility * m * inverse * alpha) / (1.0 + mobility * slope * N * s[2] * inverse)
+        dN = inverse * (alpha + s[3] * N * dm)
+        dT = m * dN + N * dm
+        d.u_N, d.u_T = p, s[7] * before + s[8] * dN + s[9] * dT
+    else:
+        dN, dT = 0.0, 0.0
+        d.u_N, d.u_T = relax[0] * first + relax[1] * before, relax[2] * first + relax[3] * before
+    d.impulse_N, d.impulse_T = scene.step * dN, scene.step * dT
+
+
+@contracted
+def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law: Any, tangent: Any) -> None:
     """Take a scene to its next pause."""
     mu, moving, step, rigid, ramp = scene.mu, scene.moving, scene.step, scene.rigid != 0, scene.ramp
     per_step = 1.0 / step
@@ -137,7 +192,6 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
     q_NN, q_NT, q_TT = scene.after_q[0], scene.after_q[1], scene.after_q[2]
     v_NN, v_NT, v_TT = scene.after_v[0], scene.after_v[1], scene.after_v[2]
     first, size, blocks = np.uint64(0), np.uint64(scene.modes), scene.blocks
-    head = min(size, _BLOCK)
     contact, u_N, u_T, anchor, slip_rate = scene.contact, scene.u_N, scene.u_T, scene.anchor, scene.slip_rate
     free_gN, free_gT, free_vN, free_vT = scene.g_N, scene.g_T, scene.v_N, scene.v_T
     impulse_N, impulse_T = 0.0, 0.0
@@ -163,7 +217,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
         closed, N, T = p > relaxed, 0.0, 0.0
         # In rigid contact the gap of a lasting contact is rounding: only its force can end it.
         closed = closed or (rigid and was != SEPARATION)
-        before, end_N, end_T = u_T, relaxed, relax[2] * u_N + relax[3] * u_T
+        before, end_N, end_T, met = u_T, relaxed, relax[2] * u_N + relax[3] * u_T, closed
         if closed:
             u = anchor - gT if was == STICK else u_T
             N = (stick_law[status, 0] * p + stick_law[status, 2] * vN) + (
@@ -285,13 +339,12 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                 scene.rows += 1
                 scene.next_row += scene.row_every
             due = min(scene.next_sample, scene.next_row)
-        free_gN, free_gT, free_vN, free_vT = move(modes, first, head, last_N, last_T)
-        for k in range(1, blocks):
-            place = np.uint64(k)
-            gN, gT, vN, vT = move(
-                modes, first + place * _BLOCK_SIZE, min(size - place * _BLOCK, _BLOCK), last_N, last_T
-            )
-            free_gN, free_gT, free_vN, free_vT = free_gN + gN, free_gT + gT, free_vN + vN, free_vT + vT
+        free_gN, free_gT, free_vN, free_vT = move_all(modes, size, blocks, last_N, last_T)
+        if len(tangent) > 0:
+            d = tangent[0][0]
+            last_N, last_T = d.impulse_N, d.impulse_T
+            respond(scene, d, law, was, contact, met, slip_rate, N, T)
+            d.g_N, d.g_T, d.v_N, d.v_T = move_all(tangent[1], size, blocks, last_N, last_T)
         now += 1
     for k in range(blocks):
         place = np.uint64(k)

@@ -105,6 +105,8 @@ class FastRun:
         self._until = 0
         self.segments: Iterable[Segment] = ()
         self.record = options.record_of(scene, at.SCENE)
+        # A deviation that follows the motion (`kernel.advance`).
+        self.tangent: Any = ()
         self._tables = NONE
         self._solver = self._coarse = frozen_solver(model, scene.mu, self.step, law)
         self.blocks = aligned(self._solver.blocks)
@@ -237,7 +239,8 @@ class FastRun:
         samples = np.empty((count_in(begun, last, every), SAMPLE))
         rows = np.empty((count_in(begun, last, int(scene["row_every"])), 6))
         sticks, modes = np.empty((int(scene["stick_room"]), 2)), self.blocks.ravel()
-        advance(self.record, modes, samples, rows, sticks, self._tables, workspace_for(self._tables), self._law)
+        work = workspace_for(self._tables)
+        advance(self.record, modes, samples, rows, sticks, self._tables, work, self._law, self.tangent)
         first, count = -(-begun // every), int(scene["samples"])
         t = np.asarray((np.arange(first, first + count) * every + 0.5) * self._solver.step)
         segment = Segment(t, samples[:count], sticks[: int(scene["sticks"])], rows[: int(scene["rows"])])
