@@ -82,7 +82,7 @@ class Job:
 
     def __init__(self, scene: Scene, normalised: Normalised, options: Options) -> None:
         resumed = options.resumed
-        self._scene, self._normalised = scene, normalised
+        self._scene = scene
         self.run = resumed.again(options) if resumed else METHODS[options.method](normalised, options)
         self._observer = Observer(self.run.rate, scene.rig.time_unit)
         rate = options.rows(self.run.step)[1]
@@ -133,7 +133,7 @@ class Job:
             summary,
             **self._series.whole(self.run.steps * self.run.step),
             growing=self.run.growing,
-            final_state=State.end_of(self._normalised, self.run),
+            final_state=State.end_of(Normalised.of(self._scene), self.run),
         )
 
 

@@ -29,7 +29,7 @@ def parts(scene, times, duration, method="fast", **options):
     (replace(SCENE, V=-5e-3), {"leap": False}),
     (replace(SCENE, friction=Friction(0.6, 0.01)), {"leap": False}),
     (SCENE, {"leap": False, "ramp": 0.0, "cutoff": 60e3}),
-    (SLIDING, {"leap": False, "end_early": False}),
+    (SLIDING, {"leap": False, "end_early": False, "numerical_damping": "published"}),
 ])  # fmt: skip
 def test_a_run_in_pieces_has_the_bits_of_one(scene, options):
     first = simulate(scene, 0.2, **options).summary["first_slip_time"]
