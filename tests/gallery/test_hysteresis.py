@@ -79,7 +79,7 @@ def test_a_rig_is_followed_too(computed):
 @pytest.mark.parametrize(("values", "message"), [
     ({"follow": "V"}, "V: it is followed; give several values of it, as V=START:STOP:COUNT"),
     ({"follow": ["V", "mu"]}, "follow = V, mu: give one; run the study once for each"),
-    ({"follow": "V", "V": [1e-3, 2e-3], "mu": [0.1, 0.2]}, "mu: V is followed; give one value of mu, or follow=mu"),
+    ({"follow": "V", "V": [1e-3, 2e-3], "mu": [0.1, 0.2]}, "mu: V is followed; give one value of mu, or"),
     ({"follow": "V", "V": [-1e-3, 2e-3], "mu": 0.1}, "V: it changes its sign; follow speeds of one sign"),
     ({"hold": 0.0}, "hold = 0"),
     ({"follow": "theta", "theta": [5.0, 95.0]}, "theta = 95"),
