@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore import Friction, Rig, Scene, Structure, checks, glued_frequencies, painleve_mu
+from fivcore import Friction, Rig, Scene, Structure, checks, glued_frequencies, lyapunov_exponent, painleve_mu
+from fivcore.errors import SceneError
 from studies import labels, paper, spec, summary, uncertainty
 from studies.motion import ensemble, regimes, run
 from studies.motion.jobs import outcomes
@@ -25,7 +26,7 @@ from sweeps import FAILED, InputError, Plan, Refinement, Variable, check_counts,
 
 MU_MAX, LONGEST_NAME = 1.0, 60
 # A quantity passes from one class to another at these values.
-THRESHOLDS = {"growth_rate": 0.0, "probability_unstable": 0.5}
+THRESHOLDS = {"growth_rate": 0.0, "lyapunov_exponent": 0.0, "probability_unstable": 0.5}
 # Points of the paper: its tests, and where it finds modes to become unstable.
 POINT = {name: parameter.default for name, parameter in (SCENE | RIG).items()}
 PAPER = [("*", "tests, paper", POINT | {"V": V}) for V in paper.SPEEDS]
@@ -38,6 +39,8 @@ GROWTH = {
 ONSET = {"onset_mu": ("1", "lowest onset mu"), "onset_frequency": ("Hz", "frequency at the lowest onset")}
 GLUED = {f"glued_frequency_{k}": ("Hz", f"natural frequency {k}, glued") for k in range(1, 9)}
 MOTION = {n: replace(v, long_name=v.long_name.split(",")[0]) for n, v in ensemble.outputs().items() if not v.dims}
+CHAOS = {"lyapunov_exponent": ("s-1", "largest Lyapunov exponent of the motion")}
+CHAOS |= {f"{name}_se": ("s-1", f"standard error of the {text}") for name, (_, text) in CHAOS.items()}
 PROBABILITY = {"probability_unstable": ("1", "probability of instability")}
 PROBABILITY |= {f"{name}_se": ("1", f"standard error of the {text}") for name, (_, text) in PROBABILITY.items()}
 
@@ -73,6 +76,20 @@ def motion(scenes: Sequence[Scene], members: int, **options: Any) -> dict[str, A
     """Statistics of the realisations of each scene."""
     jobs = [ensemble.ensemble(scene, members, options) for scene in scenes]
     return outcomes(jobs, lambda _, runs: {k: v for k, v in ensemble.statistics(runs).items() if k in MOTION})
+
+
+def chaos(scenes: Sequence[Scene], duration: float, **how: Any) -> dict[str, Any]:
+    """The largest Lyapunov exponent of the motion of each scene, NaN where it has none."""
+    found, errors = [], []
+    for scene in scenes:
+        try:
+            exponent = lyapunov_exponent(scene, duration, **how)
+            found.append((exponent.value, exponent.standard_error))
+            errors.append(None)
+        except SceneError as error:
+            found.append((np.nan, np.nan))
+            errors.append(error)
+    return dict(zip(CHAOS, np.transpose(found), strict=True)) | {"error": errors}
 
 
 def probability(rig: Rig, theta: Any, mu: Any, samples: int, seed: int, distributions: Any) -> dict[str, Any]:
@@ -260,6 +277,8 @@ def _mark_paper(axes: Any, dataset: xr.Dataset, dims: list[str]) -> None:
 
 RUNS = ensemble.members(1) | ensemble.until(0.3, 16.0)
 DRAWS = {"samples": (1024, "number of uncertain rigs"), "seed": (0, "seed of the random numbers")}
+TIME = {"duration": Parameter(4.0, "s", "simulated time", common=True)}
+TIME |= {name: RUN[name] for name in ("ramp", "cutoff", "numerical_damping")}
 MODEL = {name: RUN[name] for name in ("cutoff", "numerical_damping")}
 BEAMS, STEADY = {"beams": True}, {"normalised": True}
 LIMIT = {"painleve_mu": ("1", "mu from which on the contact force is not unique")}
@@ -271,6 +290,14 @@ GROUPS: tuple[tuple[str, str, Any, Any, Any, dict[str, Any]], ...] = (
     ("contact_limit", "Uniqueness of the contact force", MODEL, LIMIT, contact_limit, {}),
     ("glued", "Natural frequencies of the beams glued at the contact", {}, GLUED, glued, BEAMS),
     ("motion", "Motion", RUNS, MOTION, motion, {"check": ensemble.check, "normalised": True, "chaotic": True}),
+    (
+        "chaos",
+        "Chaos: how fast neighbouring motions part",
+        TIME,
+        CHAOS,
+        chaos,
+        {"normalised": True, "chaotic": True},
+    ),
     (
         "probability",
         "Stability of uncertain rigs",
