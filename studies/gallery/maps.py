@@ -80,7 +80,7 @@ def motion(scenes: Sequence[Scene], members: int, **options: Any) -> dict[str, A
 
 def chaos(scenes: Sequence[Scene], duration: float, **how: Any) -> dict[str, Any]:
     """The largest Lyapunov exponent of the motion of each scene, NaN where it has none."""
-    found, errors = [], []
+    found, errors = list[tuple[float, float]](), list[SceneError | None]()
     for scene in scenes:
         try:
             exponent = lyapunov_exponent(scene, duration, **how)
@@ -290,14 +290,7 @@ GROUPS: tuple[tuple[str, str, Any, Any, Any, dict[str, Any]], ...] = (
     ("contact_limit", "Uniqueness of the contact force", MODEL, LIMIT, contact_limit, {}),
     ("glued", "Natural frequencies of the beams glued at the contact", {}, GLUED, glued, BEAMS),
     ("motion", "Motion", RUNS, MOTION, motion, {"check": ensemble.check, "normalised": True, "chaotic": True}),
-    (
-        "chaos",
-        "Chaos: how fast neighbouring motions part",
-        TIME,
-        CHAOS,
-        chaos,
-        {"normalised": True, "chaotic": True},
-    ),
+    ("chaos", "Chaos: how fast neighbouring motions part", TIME, CHAOS, chaos, STEADY | {"chaotic": True}),
     (
         "probability",
         "Stability of uncertain rigs",

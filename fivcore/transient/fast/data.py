@@ -38,8 +38,8 @@ _ARRAYS = {
     "point_B": (2,),
 }
 _NUMBERS = [
-    # Coefficient of friction: static; largest |T| / N at which slip ends; in slip, where it is constant.
-    "mu moving kinetic",
+    # Coefficient of friction: static; in slip, where it is constant, and at which slip ends.
+    "mu kinetic",
     # Step, drive of the clamp; |T| / N above which a segment ends where a sample is taken; the last slip rate.
     "step speed ramp acceleration threshold slip_rate",
     # Rates of the gaps after the last impulse, for a rigid contact; NaN: unknown.

@@ -183,7 +183,7 @@ def respond(
 @contracted
 def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law: Any, tangent: Any) -> None:
     """Take a scene to its next pause."""
-    mu, moving, step, rigid, ramp = scene.mu, scene.moving, scene.step, scene.rigid != 0, scene.ramp
+    mu, kinetic, step, rigid, ramp = scene.mu, scene.kinetic, scene.step, scene.rigid != 0, scene.ramp
     per_step = 1.0 / step
     stick_law, slip_law, relax = scene.stick_law, scene.slip_law, scene.relax
     M_NN, M_NT, M_TT = scene.M[0], scene.M[1], scene.M[2]
@@ -237,7 +237,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                 halts_T = stick_law[status, 6] * (closing - vN) + stick_law[status, 7] * less_T
                 if was == SEPARATION:
                     N, T, halts_N, halts_T = N + halts_N, T + halts_T, 0.0, 0.0
-            holds = N > 0.0 and abs(T) <= (mu if was == STICK else moving) * N
+            holds = N > 0.0 and abs(T) <= (mu if was == STICK else kinetic) * N
             if len(law) > 0 and holds and was != STICK:
                 # If stick and slip are both possible, slip continues.
                 holds = falling(scene, law, p, u, closing, vT, np.sign(T), slip_rate)[0] < 0.0

@@ -66,7 +66,6 @@ class Solver:
             ("point_B", 0.5 * np.array([model.point_b @ gap for gap in gaps])),
             ("slide", slide(impulse.stiffness, impulse.damping, impulse.delassus, step)),
             ("mu", mu),
-            ("moving", kinetic),
             ("kinetic", kinetic),
             ("step", step),
             ("rigid", not element),
