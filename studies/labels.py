@@ -16,6 +16,7 @@ READABLE = {
     "Pa": ("GPa", 1e-9),
     "kg m-3": ("kg/m³", 1.0),
     "s-1": ("1/s", 1.0),
+    "N s": ("mN s", 1e3),
     "degree": ("°", 1.0),
 }
 SYMBOLS = {"theta": "θ", "mu": "μ"}

@@ -14,6 +14,7 @@ import xarray as xr
 from fivcore import Friction, Rig, Scene, Structure, checks, glued_frequencies, lyapunov_exponent, painleve_mu
 from fivcore.errors import SceneError
 from studies import labels, paper, spec, summary, uncertainty
+from studies.gallery import knock
 from studies.motion import ensemble, regimes, run
 from studies.motion.jobs import outcomes
 from studies.parameters import RIG, RUN, SCENE, SLIDING, Parameter, rig_numbers, suggest, unusual, warn_unusual
@@ -291,6 +292,14 @@ GROUPS: tuple[tuple[str, str, Any, Any, Any, dict[str, Any]], ...] = (
     ("glued", "Natural frequencies of the beams glued at the contact", {}, GLUED, glued, BEAMS),
     ("motion", "Motion", RUNS, MOTION, motion, {"check": ensemble.check, "normalised": True, "chaotic": True}),
     ("chaos", "Chaos: how fast neighbouring motions part", TIME, CHAOS, chaos, STEADY | {"chaotic": True}),
+    (
+        "knock",
+        "Smallest knock that starts vibration where steady sliding is stable",
+        knock.PARAMETERS,
+        knock.OUTPUTS,
+        knock.knocks,
+        {"check": knock.check, "normalised": True, "chaotic": True},
+    ),
     (
         "probability",
         "Stability of uncertain rigs",

@@ -30,6 +30,7 @@ SMALL = {
     "regimes": {"V": [1e-3, 5e-3], "mu": [0.05, 0.2]} | ENSEMBLE,
     "stribeck": {"V": [1e-3, 4e-3], "kinetic_ratio": [0.8, 1.0]} | ENSEMBLE,
     "hysteresis": {"mu": [0.1, 0.12], "hold": 0.1, "member": [1, 2]},
+    "basins": {"mu": [0.09, 0.1, 0.115], "most": 20, "duration": 0.2},
     "scenes": {"V": [2e-3, 5e-3], "duration": 0.1} | SCENE,
     "accuracy": {"method": "fast", "setting": ["default", "cut-off 0.4"], "scene": "5 mm/s", "members": 2}
     | {"duration": 0.25},

@@ -1,0 +1,73 @@
+"""The smallest knock at the contact that starts vibration where steady sliding is stable."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from fivcore import Scene, State, checks
+from studies.gallery.regimes import linear_stability
+from studies.motion import regimes, starts
+from studies.parameters import Parameter
+from sweeps import Variable
+
+# Shares of the largest knock that are tried in turn: starts of vibration may fill several intervals.
+SCAN = 2.0 ** np.arange(-12.0, 0.125, 0.25)
+PARAMETERS = {
+    "largest_knock": Parameter(
+        1e-3, "s", "largest knock per load, N s per N; negative: knocks that pull P1 away", common=True
+    ),
+    "resolution": Parameter(0.02, "1", "largest relative width of the interval that holds it", common=True),
+} | starts.SETTINGS
+OUTPUTS = {
+    "knock_threshold": Variable(
+        "N s", "smallest impulse on P1 at the contact, positive onto P2, that starts vibration", scale="load"
+    ),
+    "knock_threshold_se": Variable(
+        "N s",
+        "standard error of the knock threshold: width of the interval that holds it over root 12",
+        scale="load",
+    ),
+}
+
+
+def threshold(scene: Scene, largest_knock: float, resolution: float, options: dict[str, Any]) -> dict[str, float]:
+    """Middle and standard error of the interval that holds the smallest knock that starts vibration.
+
+    NaN where sliding is unstable, where no knock up to the largest starts vibration, and where the faintest
+    of SCAN does. What lies between two of SCAN that do not is missed.
+    """
+    nothing = dict.fromkeys(OUTPUTS, np.nan)
+    stability = linear_stability(scene, options["cutoff"], options["numerical_damping"])
+    if np.fmax(stability["growth_rate"], stability["model_growth_rate"]) > 0.0:
+        return nothing
+    q, (_, v) = starts.equilibrium(scene), starts.directions(scene, ["knock"])[0]
+
+    def vibrates(knock: float) -> bool:
+        label = starts.labels_of(scene, [State.of(scene, q, knock * v)], options)
+        return bool(regimes.is_of(label, *regimes.VIBRATING)[0])
+
+    tried = scene.F * largest_knock * SCAN
+    first = next((k for k, knock in enumerate(tried) if vibrates(knock)), 0)
+    if not first:
+        return nothing
+    low, high = tried[first - 1 : first + 1]
+    while abs(high - low) > resolution * abs(high):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if vibrates(middle) else (middle, high)
+    return dict(zip(OUTPUTS, (0.5 * (low + high), abs(high - low) / np.sqrt(12.0)), strict=True))
+
+
+def knocks(scenes: Sequence[Scene], largest_knock: float, resolution: float, **options: Any) -> dict[str, Any]:
+    """The threshold of each scene."""
+    return starts.each(scenes, lambda scene: threshold(scene, largest_knock, resolution, options))
+
+
+def check(largest_knock: Any, resolution: Any, **others: Any) -> None:
+    """Refuse what cannot be computed."""
+    checks.number("largest_knock", largest_knock, "a number from 1e-12 to 1e6 s, or minus that",
+                  lambda x: 1e-12 <= abs(x) <= 1e6)  # fmt: skip
+    checks.between("resolution", resolution, 1e-6, 1.0, "1")
+    starts.check(**{name: others[name] for name in ("V", "F", *starts.SETTINGS)})

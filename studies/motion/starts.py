@@ -1,0 +1,136 @@
+"""Starts of runs at the full speed of the drive: steady sliding or rest, moved along modes or knocked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fivcore import Rig, Scene, State, checks, sliding_modes
+from fivcore.beams.modes import rig_bases
+from fivcore.errors import InputError, SceneError
+from fivcore.stability.falling import balance, modal_shape
+from fivcore.structure import Structure, structure_of
+from studies.motion import run as runs
+from studies.motion.jobs import balanced, run_all
+from studies.parameters import RUN, Parameter
+from studies.stability import sliding_of
+
+Array = NDArray[np.float64]
+
+ABOUT = ("sliding", "rest")
+# Coordinates of a start, with units and text; B is that of the rig, or the output of a structure.
+COORDINATES = {
+    "displacement": ("m", "displacement of B along the drive, in the shape of the mode"),
+    "velocity": ("m s-1", "velocity of B along the drive, in the shape of the mode"),
+    "second_displacement": ("m", "displacement of B along the drive, in the shape of the second mode"),
+    "second_velocity": ("m s-1", "velocity of B along the drive, in the shape of the second mode"),
+    "velocity_C": ("m s-1", "velocity of C as P1 moves as a whole, positive away from P2"),
+    "knock": ("N s", "impulse on P1 at the contact, normal, positive onto P2"),
+}
+# Duration of a run that has none, s; of a structure in units of its time.
+DURATION = 0.5
+SETTINGS = {
+    "duration": Parameter(None, "s", "simulated time, the second half of which decides; auto: 0.5 s", common=True),
+    "step": Parameter(None, "s", "time step; auto: the method's default", common=True),
+    **{name: RUN[name] for name in ("cutoff", "numerical_damping")},
+}
+
+
+def equilibrium(scene: Scene, about: str = "sliding") -> Array:
+    """Modal displacements of steady sliding (T = mu(V) N), or of rest under the load (T = 0), with V > 0."""
+    own = structure_of(scene.rig, scene.theta)
+    mu = scene.mu * scene.friction.ratio(scene.V) if about == "sliding" else 0.0
+    held, rigid = 1.0 + balance(own) * mu, own.stiffness == 0.0
+    if not held > 0.0:
+        raise InputError(f"mu = {scene.mu:g}: the contact jams, so that there is no steady sliding")
+    normal_force = scene.F * own.preload / held
+    force = scene.F * own.load + normal_force * (own.normal + mu * own.tangential)
+    q = np.where(rigid, 0.0, force) / np.where(rigid, 1.0, own.stiffness)
+    # A rigid motion closes the contact.
+    q[rigid] = -(own.normal @ q) / own.normal[rigid]
+    return np.asarray(q)
+
+
+def directions(scene: Scene, names: Sequence[str], mode: int = 0, second_mode: int = 0) -> Array:
+    """Modal displacements and velocities for a unit of each coordinate, (names, 2, modes), with V > 0.
+
+    Modes are those of steady sliding below 10 kHz that oscillate, by number from 1 on as the frequency ascends; 0
+    is the least stable. Their shapes leave the contact closed. A knock acts on P1 alone, but on both sides of the
+    contact of a structure, whose bodies are not told apart.
+    """
+    own = structure_of(scene.rig, scene.theta)
+    made = np.zeros((len(names), 2, len(own.stiffness)))
+    for k, name in enumerate(names):
+        if name == "knock":
+            on_P1 = len(rig_bases(scene.rig, scene.theta)[0].stiffness) if isinstance(scene.rig, Rig) else None
+            made[k, 1, :on_P1] = -own.normal[:on_P1]
+        elif name == "velocity_C":
+            rigid = own.stiffness == 0.0
+            if not rigid.any():
+                raise InputError(f"{name}: without a rigid motion of the structure it must be 0; use velocity")
+            made[k, 1, rigid] = 1.0 / own.normal[rigid]
+        else:
+            second = name.startswith("second_")
+            phi, shape = _mode(scene, own, second_mode if second else mode, "second_mode" if second else "mode")
+            # B moves as Re(a exp(phi t)).
+            a = complex(1.0, phi.real / phi.imag) if name.endswith("displacement") else -1j / phi.imag
+            made[k] = (a * shape).real, (a * phi * shape).real
+    return made
+
+
+def _mode(scene: Scene, own: Structure, number: int, name: str) -> tuple[complex, Any]:
+    """Exponent and modal shape of a mode of steady sliding, in which B moves by 1."""
+    modes = sliding_modes(scene.rig, scene.theta, scene.mu, runs.BAND, **sliding_of(scene))
+    found = np.flatnonzero(modes.frequency > 0.0)
+    if not 0 <= number <= len(found) or not len(found):
+        raise InputError(f"{name} = {number}: steady sliding has {len(found)} modes that oscillate below 10 kHz")
+    k = found[number - 1] if number else found[np.argmax(modes.growth_rate[found])]
+    phi = complex(modes.growth_rate[k], 2.0 * np.pi * modes.frequency[k])
+    shape = modal_shape(own, phi, bool(modes.uncoupled[k]))
+    at_B = own.output @ shape
+    if not abs(at_B) > 1e-9 * np.abs(own.output * shape).sum():
+        raise InputError(f"{name} = {number}: B does not move in this mode; choose another")
+    return phi, shape / at_B
+
+
+def labels_of(scene: Scene, states: Sequence[State], options: Mapping[str, Any]) -> NDArray[np.int8]:
+    """The regime to which each state leads, an index in `run.REGIMES`; `options` are those of SETTINGS."""
+    duration = options["duration"] or DURATION * scene.rig.time_unit
+    how = {"ramp": RUN["ramp"].default, "skip_long_sticks": 1, "settle": 0.5 * duration, **options}
+    jobs = [runs.job(scene, duration, how, step=options["step"], initial=state) for state in states]
+    labels = np.empty(len(jobs), dtype=np.int8)
+    for k, (job, run) in enumerate(zip(jobs, run_all(jobs), strict=True)):
+        result = balanced(job, run)
+        if isinstance(result, SceneError):
+            raise result
+        labels[k] = runs.REGIMES.index(result.summary["regime"])
+    return labels
+
+
+def each(scenes: Sequence[Scene], values: Callable[[Scene], Mapping[str, Any]]) -> dict[str, Any]:
+    """Values of each scene, seen so that V > 0, with the `error` of those without; if all are, the first."""
+    found: list[Mapping[str, Any]] = []
+    errors: list[Exception | None] = []
+    for scene in scenes:
+        try:
+            found.append(values(scene if scene.V > 0.0 else scene.mirrored()))
+            errors.append(None)
+        except (SceneError, ValueError, ArithmeticError) as error:
+            errors.append(error)
+    if not found:
+        raise errors[0]  # type: ignore[misc]
+    # A failed point has values too, those of another point: the sweep drops them.
+    rows = iter(found)
+    whole = [found[0] if error else next(rows) for error in errors]
+    return {name: np.stack([row[name] for row in whole]) for name in found[0]} | {"error": errors}
+
+
+def check(V: Any, F: Any, duration: Any, step: Any, cutoff: Any, numerical_damping: Any) -> None:
+    """Refuse settings that no scene can be run with."""
+    for name, value, least in (("duration", duration, 1e-6), ("step", step, 1e-12)):
+        if value is not None:
+            checks.between(name, value, least, 1e6, "s, or auto")
+    runs.check(V, F, RUN["ramp"].default, cutoff, 1, numerical_damping)
