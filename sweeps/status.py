@@ -86,9 +86,9 @@ class Monitor:
     def _snapshot(self) -> Snapshot:
         now = time.monotonic()
         elapsed, counted = max(now - self._begun, 1e-9), now - self._since[1]
-        rate = (self.done - self._since[0]) / max(counted, INTERVAL)
-        if counted < INTERVAL or not rate:
-            rate = self.rate if self.rate > 0.0 else (self.done - self._cached) / elapsed
+        rate = (self.done - self._since[0]) / max(counted, INTERVAL) or (self.done - self._cached) / elapsed
+        if self.rate > 0.0 and (counted < INTERVAL or self.done == self._cached):
+            rate = self.rate
         left = (self.todo - self.done) / rate if rate > 0.0 else math.nan
         batches = tuple(islice(self._now.values(), SHOWN))
         return Snapshot(self.todo, self.done, self.failed, elapsed, rate, left, batches, self.stopping)

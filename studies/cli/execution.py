@@ -76,6 +76,8 @@ def execute(
     parts = [*summary.parts(study, finished.dataset)]
     show(summary.text(parts))
     say("\nwritten: " + "\n         ".join(map(str, [finished.file, *finished.figures])))
+    if any("differs" in [*part[1].get("deviation", ())] for part in parts if not isinstance(part, str)):
+        say("why some differ: results/README.md, What differs from the paper, and why")
     # The first part is of the operating point.
     say(*(summary.text([f"found: {part}"]) for part in parts[1:2] if isinstance(part, str)))
     if moved := finished.fixed_contact():

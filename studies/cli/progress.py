@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 INTERVAL = 5.0  # between two plain lines, s
 # What the first run takes more than the second, s: `fiv run fig5` of an AMD EPYC 8, on a busy one 20.
-COMPILING = "10 to 20 s"
+COMPILING = "up to 20 s"
 STOPPING = "stopping after what is under way; Ctrl-C again: now"
 
 
@@ -38,7 +38,7 @@ def described(snapshot: Snapshot) -> list[str]:
     from sweeps import duration
 
     texts = [f"{snapshot.failed} failed"] if snapshot.failed else []
-    texts += [f"{snapshot.rate:.3g} a second"] if snapshot.rate > 0.0 else []
+    texts += [f"{snapshot.rate:.{0 if snapshot.rate > 100.0 else 2}f} a second"] if snapshot.rate > 0.0 else []
     return [*texts, f"{duration(snapshot.left)} left"] if snapshot.left >= 0.0 else texts
 
 
