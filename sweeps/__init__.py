@@ -9,6 +9,7 @@ from sweeps.errors import AbandonedError, ClusterLostError, InputError, LockedEr
 from sweeps.errors import SchedulerError, StoreError, SweepStoppedError
 from sweeps.fingerprint.code import load_script, plain
 from sweeps.fingerprint.identity import json_equal
+from sweeps.fingerprint.provenance import source
 from sweeps.grid import DONE, FAILED, INTERPOLATED, INTERPOLATED_FLAG, PENDING, SKIPPED, STATUS_FLAGS
 from sweeps.grid import Axis, Grid, Refinement, Variable, blocks, check_counts, check_size
 from sweeps.plan.planning import duration, size

@@ -20,7 +20,7 @@ def _print_help(context: click.Context, option: click.Parameter, given: bool) ->
 
 def _print_version(context: click.Context, option: click.Parameter, given: bool) -> None:
     if given and not context.resilient_parsing:
-        from sweeps.fingerprint.provenance import source
+        from sweeps import source
 
         show(source("studies"))
         context.exit()
