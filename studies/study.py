@@ -204,7 +204,8 @@ class Study:
         chosen = {name: requested.get(name, value) for name, value in default.items() if name not in columns}
         if draws and "distributions" in self.takes:
             fixed["distributions"] = {name: draw.text for name, draw in draws.items()}
-            chosen |= {name: default[name] for name in draws}
+            # The nominal rig is in the middle of the uncertain ones.
+            chosen |= {name: float(f"{draw.ppf(0.5):.6g}") for name, draw in draws.items()}
             draws = {}
         followed = self._followed(chosen, requested)
         names = [followed] if followed else [name for name in chosen if self.parameters[name].inner]

@@ -18,7 +18,7 @@ from sweeps.storage.existing import opened, sources_of
 from sweeps.storage.parts import Manifest
 from sweeps.storage.store import Store, owner, read_state, write_state
 
-# The file is written at most this often, s.
+# The file is written at most this often, and a rate counts once it was measured for so long, s.
 INTERVAL = 1.0
 # Number of running batches that a snapshot describes.
 SHOWN = 4
@@ -31,9 +31,9 @@ class Snapshot:
     Attributes
     ----------
     todo, done, failed : int
-        Computations of the run, finished ones, and those of them that failed.
+        Computations that the run requests, finished ones, also of earlier runs, and this run's that failed.
     elapsed, rate, left : float
-        s since the run began; computations a second; expected time to the end, s, NaN while it is unknown.
+        s since the run began; computations a second, at first the plan's; time to the end, s, NaN if unknown.
     now, stopping : tuple of str, bool
         The batches that are being computed; whether the run only finishes those that have begun.
     """
@@ -52,12 +52,13 @@ Progress = Callable[[Snapshot], None]
 
 
 class Monitor:
-    """Counts batches as they begin and end, and reports snapshots."""
+    """Counts batches as they begin and end, and reports snapshots; `rate` is the expected one, NaN if unknown."""
 
-    def __init__(self, todo: int, progress: Progress | None, file: Path | None) -> None:
-        self.todo, self.done, self.failed, self.stopping = todo, 0, 0, False
+    def __init__(self, cached: int, todo: int, progress: Progress | None, file: Path | None) -> None:
+        self.todo, self.done, self.failed, self.stopping, self.rate = cached + todo, cached, 0, False, math.nan
         self._progress, self._file, self._owner = progress, file, owner()
         self._begun, self._written = time.monotonic(), -math.inf
+        self._cached, self._since = cached, (cached, self._begun)  # the first batch, which compiles, is not timed
         self._now: dict[int, str] = {}
         self._reporting = False
 
@@ -69,6 +70,8 @@ class Monitor:
     def end(self, number: int, done: int = 0, failed: int = 0) -> None:
         """Note that a batch has ended, or was cancelled."""
         del self._now[number]
+        if self.done == self._cached:
+            self._since = self.done + done, time.monotonic()
         self.done, self.failed = self.done + done, self.failed + failed
         self._report()
 
@@ -81,11 +84,14 @@ class Monitor:
                 self._report()
 
     def _snapshot(self) -> Snapshot:
-        elapsed = time.monotonic() - self._begun
-        rate = self.done / elapsed if elapsed > 0.0 else 0.0
+        now = time.monotonic()
+        elapsed, counted = max(now - self._begun, 1e-9), now - self._since[1]
+        rate = (self.done - self._since[0]) / max(counted, INTERVAL) or (self.done - self._cached) / elapsed
+        if self.rate > 0.0 and (counted < INTERVAL or self.done == self._cached):
+            rate = self.rate
         left = (self.todo - self.done) / rate if rate > 0.0 else math.nan
-        now = tuple(islice(self._now.values(), SHOWN))
-        return Snapshot(self.todo, self.done, self.failed, elapsed, rate, left, now, self.stopping)
+        batches = tuple(islice(self._now.values(), SHOWN))
+        return Snapshot(self.todo, self.done, self.failed, elapsed, rate, left, batches, self.stopping)
 
     def _report(self) -> None:
         self._reporting = True
@@ -116,7 +122,7 @@ class Status:
     file, state : str
         State: "running", "interrupted", "incomplete" (points of its grid were never requested) or "complete".
     points, done, failed, pending, skipped, interpolated : int
-        Points of the file's grid, by their status.
+        Points of the file's grid; by their status, of equal points only one until the file is whole.
     run : dict
         Of a run: `pid`, `host`, `started`, and the values of its last `Snapshot`; empty without one.
     """
@@ -144,12 +150,14 @@ def status(path: str | Path) -> Status:
     with suppress(*UNREADABLE):
         if (manifest := Manifest.load(store)) is not None:
             codes = Table(manifest, sources_of(store, manifest, complete=False)).status
+            points, first = codes.size, manifest.representative
+            codes = codes if first is None else codes[(first < 0) | (first == np.arange(points))]
     if codes is None:
-        codes = opened(path)["status"].values
+        points = (codes := opened(path)["status"].values).size
         state = "incomplete" if np.any(codes == 0) else "complete"
     words = STATUS_FLAGS | INTERPOLATED_FLAG
     counts = {word: int(np.count_nonzero(codes == code)) for code, word in words.items()}
-    return Status(file=str(path), state="running" if running else state, points=codes.size, run=run, **counts)
+    return Status(file=str(path), state="running" if running else state, points=points, run=run, **counts)
 
 
 def check_free(path: str | Path) -> None:

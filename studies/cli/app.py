@@ -18,6 +18,14 @@ def _print_help(context: click.Context, option: click.Parameter, given: bool) ->
         context.exit()
 
 
+def _print_version(context: click.Context, option: click.Parameter, given: bool) -> None:
+    if given and not context.resilient_parsing:
+        from sweeps import source
+
+        show(source("studies"))
+        context.exit()
+
+
 def _set_flag(context: click.Context, option: click.Parameter, given: bool) -> None:
     FLAGS[str(option.name)] = given
 
@@ -30,20 +38,20 @@ QUIET = click.option("-q", "--quiet", **EAGER, callback=_set_flag, help="Only da
 
 
 @click.group(invoke_without_command=True, add_help_option=False)
-@click.version_option(package_name="fiv", prog_name="fiv")
+@click.option("--version", **EAGER, callback=_print_version, help="Print version and commit, and exit.")
 @HELP
 @click.pass_context
 def fiv(context: click.Context) -> None:
     """Studies of friction-induced vibration: two beams in frictional point contact.
 
     \b
-    fiv list                                             the studies
-    fiv run fig5                                         compute, store and draw one
-    fiv run fig5 --set theta=8 --out elsewhere           the same for another inclination
-    fiv status                                           your results
-    fiv query regimes --where 'mu > 0.2' --limit 5       rows of a result
+    fiv list                                        your results, and the studies
+    fiv run fig5                                    compute, store and draw one
+    fiv run fig5 --set theta=8 --out elsewhere      at another inclination
+    fiv status                                      your results
+    fiv query regimes --where 'mu > 0.2' --limit 5  rows of a result
     fiv map --x theta=-10:20:61 --y mu=0:0.5:51 --quantity growth_rate
-    fiv report                                           one HTML page of every result
+    fiv report                                      one HTML page of every result
 
     A shell completes commands, options and studies after: eval "$(_FIV_COMPLETE=bash_source fiv)", or zsh_source.
     """  # noqa: D301 - the backspace tells click to keep the lines

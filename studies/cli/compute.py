@@ -32,7 +32,7 @@ def plan(study: str, timed: bool, **points: Any) -> None:
     fiv plan scenes --set V=log:1e-3:1e-2:10 --record velocity_B
     """  # noqa: D301 - the backspace tells click to keep the lines
     one, planned, _, lines = _planned(study, points, False)
-    show(estimated(one.name, planned.timed() if timed else planned)[1])
+    show(repr(planned.timed()) if timed else estimated(one.name, planned)[1])
     say(*lines)
 
 
@@ -43,10 +43,10 @@ def run(study: str, fail_fast: bool, yes: bool, **points: Any) -> None:
     \b
     fiv run fig5
     fiv run fig5 --set theta=8 --set p1_length=60mm --out elsewhere
-    fiv run scenes --set V=1,2mm/s --record velocity_B,normal_force --sample-rate 50e3 --out series
-    fiv run fig5 --scatter mu=normal:0.2:0.02 --scatter p1_thickness=uniform:1.9:2.1mm --samples 256
+    fiv run scenes --set V=1,2mm/s --record velocity_B --sample-rate 50e3
+    fiv run fig5 --scatter p1_thickness=uniform:1.9:2.1mm --samples 256
     fiv run fig5 --points rigs.csv
-    fiv run other/fig5/fig5.nc                           the same as that result
+    fiv run other/fig5/fig5.nc                    the same as that result
 
     Points that the results folder holds are not computed again. Ctrl-C finishes the points under way and stores
     them; the same command then computes the missing points.
@@ -76,7 +76,7 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
     """Study, plan, request and warnings. Options win over a file, and that over a result given as STUDY."""
     from fivcore import Structure
     from studies import registry, request, results, runner
-    from sweeps import InputError, check_free
+    from sweeps import InputError, Store, check_free
 
     assigned = {"--set": options.pop("assignments"), "--scatter": options.pop("scatter")}
     values = _values(options.pop("standard_error"), assigned)
@@ -88,6 +88,8 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
         if path is not None:
             wanted = wanted.over(request.read(path, option))
     name, file = study, None
+    if study not in registry.names() and Store(own := results.results_file(study, out)).exists():
+        study = str(own)
     if results.is_path(study):
         with results.reading(results.results_file(study)):
             source = request.of_result(results.open_dataset(study), study)
@@ -128,8 +130,9 @@ def draw_map(quantity: str, fail_fast: bool, yes: bool, **options: Any) -> None:
 
     \b
     fiv map --x theta=-10:20:9 --y mu=0:0.5:9 --quantity growth_rate --refine 3
-    fiv map --x V=log:2e-4:1e-2:9 --y mu=0.01:0.4:9 --quantity regime,velocity_rms --fix theta=8
-    fiv map --x theta=0:20:61 --y mu=0:0.5:51 --quantity probability_unstable --scatter p1_length=normal:50:0.1mm
+    fiv map --x V=log:2e-4:1e-2:9 --y mu=0:0.4:9 --quantity regime --fix theta=8
+    fiv map --x theta=0:20:61 --quantity probability_unstable \\
+        --scatter p1_length=normal:50:0.1mm
 
     With --refine the SPECs give a coarse lattice, whose intervals are halved where the map changes.
     """  # noqa: D301 - the backspace tells click to keep the lines

@@ -8,7 +8,7 @@ import shlex
 import signal
 import sys
 from dataclasses import replace
-from math import isnan
+from math import isnan, nan
 from typing import TYPE_CHECKING
 
 import click
@@ -22,14 +22,19 @@ if TYPE_CHECKING:
     from sweeps import Plan, Progress, Snapshot
 
 ASK_SECONDS, ASK_BYTES = 300.0, 1e9  # a run that takes longer or writes more asks first
+# A point of these maps costs what one of the study does. A measured time counts if it is below the reference's, or
+# so many times as long: the first points of a run take longer than all others.
+LIKE, FAR = {"map_growth": "stability", "map_motion": "regimes"}, 10.0
 
 
 def estimated(study: str, planned: Plan) -> tuple[Plan, str]:
-    """A plan and its report; where no earlier run gives an estimate, with the time of the reference by points."""
-    entry = catalogue().get(study, {})
-    if not isnan(planned.seconds) or "seconds" not in entry:
+    """A plan and its report; with the time of the reference by points, unless an earlier run tells better."""
+    entry = {"seconds": nan, "points": 1} | catalogue().get(LIKE.get(study, study), {})
+    seconds = (
+        entry["seconds"] / entry["points"] * planned.requested_count * planned.todo / max(planned.distinct, 1)
+    )
+    if isnan(seconds) or planned.seconds <= seconds or planned.seconds >= FAR * seconds:
         return planned, repr(planned)
-    seconds = entry["seconds"] * planned.points / entry["points"] * planned.todo / planned.distinct
     planned = replace(planned, seconds=seconds)
     text = f"{about(seconds)}{' on one core' * (seconds >= 1.0)}, as the reference took; fiv plan --time measures"
     return planned, re.sub(r"(?m)^(estimated time +).*$", lambda line: line[1] + text, repr(planned))
@@ -47,7 +52,8 @@ def execute(
     asking = not yes and sys.stdin.isatty()
     planned, text = estimated(study.name, planned)
     if asking and isnan(planned.seconds):
-        planned, text = estimated(study.name, planned.timed())
+        planned = planned.timed()
+        text = repr(planned)
     say(text, *lines)
     # NaN, where no point gives an estimate, asks too.
     large = not planned.most_seconds <= ASK_SECONDS or (planned.todo and planned.bytes > ASK_BYTES)
@@ -67,8 +73,13 @@ def execute(
     except ClusterLostError as lost:
         tell(f"{lost}{last.stored(planned)}")
         sys.exit(3)
-    show(summary.text(summary.parts(study, finished.dataset)))
+    parts = [*summary.parts(study, finished.dataset)]
+    show(summary.text(parts))
     say("\nwritten: " + "\n         ".join(map(str, [finished.file, *finished.figures])))
+    if any("differs" in [*part[1].get("deviation", ())] for part in parts if not isinstance(part, str)):
+        say("why some differ: results/README.md, What differs from the paper, and why")
+    # The first part is of the operating point.
+    say(*(summary.text([f"found: {part}"]) for part in parts[1:2] if isinstance(part, str)))
     if moved := finished.fixed_contact():
         say(f"fiv: {moved}")
     if not FLAGS["quiet"] and (beside := finished.beside_reference()):
@@ -94,10 +105,11 @@ class _Last:
 
     def stored(self, planned: Plan) -> str:
         """How much is stored, in the plan's counting, and how to go on."""
-        done, todo = (self.snapshot.done, self.snapshot.todo) if self.snapshot else (0, planned.todo)
-        if not planned.cached + done:
+        now = self.snapshot
+        done, todo = (now.done, now.todo) if now else (planned.cached, planned.cached + planned.todo)
+        if not done:
             return f"; nothing was finished; again with: {typed()}"
-        stored = f"{planned.cached + done} of {planned.cached + todo} computations are stored"
+        stored = f"{done} of {todo} computations are stored"
         return f"; {stored}; go on from there with: {typed('--fresh')}"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,13 @@ def catalogue() -> dict[str, dict[str, Any]]:
 
 
 def _studies(context: click.Context, argument: click.Parameter, incomplete: str) -> list[str]:
-    return [name for name in catalogue() if name.startswith(incomplete)]
+    return [name for name in {**catalogue(), **dict.fromkeys(result_names())} if name.startswith(incomplete)]
+
+
+def result_names(out: str | None = None) -> list[str]:
+    """Names of what the results folder seems to hold, without a look into it."""
+    folder = Path(out or os.environ.get("FIV_RESULTS") or "results").expanduser()
+    return sorted({path.name.partition(".nc")[0] for path in folder.glob("*/[!.]*.nc*")})
 
 
 def target(name: str, metavar: str, **options: Any) -> Any:

@@ -6,6 +6,7 @@ import os
 import re
 import sys
 from collections.abc import Sequence
+from math import inf
 
 # Controls but \n and \t, ends of lines and directions of text elsewhere, halves of surrogate pairs.
 OBEYED = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
@@ -57,5 +58,5 @@ def about(seconds: float) -> str:
     """A time for a reader who plans the day: "instantly", "about 8 min"."""
     if seconds < 1.0:
         return "instantly"
-    size, unit = (1.0, "s") if seconds < 90.0 else (60.0, "min") if seconds < 5400.0 else (3600.0, "h")
-    return f"about {seconds / size:.0f} {unit}"
+    units = ((90.0, 1.0, "s"), (5400.0, 60.0, "min"), (172800.0, 3600.0, "h"), (inf, 86400.0, "days"))
+    return next(f"about {seconds / size:.0f} {unit}" for most, size, unit in units if seconds < most)

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from sweeps import Progress, Snapshot
 
 INTERVAL = 5.0  # between two plain lines, s
-# What the first run takes more than the second, s of an AMD EPYC: 12.1 less 4.2 for `fiv run fig5`.
-COMPILING = 8.0
+# What the first run takes more than the second, s: `fiv run fig5` of an AMD EPYC 8, on a busy one 20.
+COMPILING = "up to 20 s"
 STOPPING = "stopping after what is under way; Ctrl-C again: now"
 
 
@@ -38,7 +38,7 @@ def described(snapshot: Snapshot) -> list[str]:
     from sweeps import duration
 
     texts = [f"{snapshot.failed} failed"] if snapshot.failed else []
-    texts += [f"{snapshot.rate:.3g} a second"] if snapshot.rate > 0.0 else []
+    texts += [f"{snapshot.rate:.{0 if snapshot.rate > 100.0 else 2}f} a second"] if snapshot.rate > 0.0 else []
     return [*texts, f"{duration(snapshot.left)} left"] if snapshot.left >= 0.0 else texts
 
 
@@ -51,7 +51,7 @@ def announce_compiling() -> None:
 
         def on_start(self, happening: object) -> None:
             if not self.announced:
-                tell(f"compiling once, about {COMPILING:.0f} s")
+                tell(f"compiling, once for this installation: {COMPILING}")
             self.announced = True
 
         def on_end(self, happening: object) -> None: ...

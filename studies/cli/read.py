@@ -4,23 +4,28 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from studies.cli.app import command
-from studies.cli.options import OUT, QUERY, TARGET, catalogue, target
+from studies.cli.options import OUT, QUERY, TARGET, catalogue, result_names, target
 from studies.cli.output import FLAGS, about, columns, say, show, tell
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from studies.study import Study
     from sweeps import Status
 
 
-@command("list", "Studies: what each asks, its size and its time.", target("study", "[STUDY]", required=False))
-def list_studies(study: str | None) -> None:
-    """Studies: what each asks, its size, and the time that its reference took on one core.
+ONE = target("study", "[STUDY]", required=False)
+
+
+@command("list", "Your results, and the studies: what each asks, its size and its time.", ONE, OUT)
+def list_studies(study: str | None, out: str | None) -> None:
+    """Your results, then the studies: what each asks, its size, and its reference's time on one core.
 
     With the name of one: what the paper says, and all its parameters.
 
@@ -29,18 +34,34 @@ def list_studies(study: str | None) -> None:
     fiv list fig5
     """  # noqa: D301 - the backspace tells click to keep the lines
     known, rows, description = catalogue(), list[tuple[str, str]](), ""
+    if not study and not FLAGS["quiet"] and result_names(out) and (own := _rows(out)):
+        from studies.results import results_folder
+
+        heads = f"Your results in {results_folder(out)}:", "Studies; query, plot and report show their reference:"
+        show(f"{heads[0]}\n{_table(own)}\n\n{heads[1]}")
     for name in [study] if study else known:
         entry = known.get(name, {})
         if study or not entry:
-            from studies import registry
-
-            one = registry.resolve(name)
+            one, points = _study(name, out)
             name, description = one.name, f"\n\n{one.describe()}" if study else ""
-            entry = {"title": one.title, "question": one.question, "points": one.sweep({}).grid.size} | entry
-        time = f", {about(entry['seconds'])}" if "seconds" in entry else ""
-        details = [("", entry["question"]), ("", f"{entry['points']} points{time}")]
+            entry = dict[str, Any](title=one.title, question=one.question, points=points) | entry
+        lasts = f", {about(entry['seconds'])}" if "seconds" in entry else ""
+        question = [("", entry["question"])] * (entry["question"] != entry["title"])
+        details = [*question, ("", f"{entry['points']} points{lasts}")]
         rows += [(name, entry["title"]), *([] if FLAGS["quiet"] else details)]
     show(columns(rows) + description)
+
+
+def _study(name: str, out: str | None) -> tuple[Study, int]:
+    """A study, or that of a result in the folder, and the number of its points."""
+    from studies import registry, results, runner
+    from sweeps import Store
+
+    file = results.results_file(name, out)
+    if name in registry.names() or results.is_script(name) or not Store(file).exists():
+        return (one := registry.resolve(name)), one.sweep({}).grid.size
+    dataset = results.open_dataset(file)
+    return runner.study_of(dataset, name), dataset["status"].size
 
 
 ANY = target("target", "[STUDY|PATH]", required=False)
@@ -64,28 +85,45 @@ def show_status(target: str | None, as_json: bool, out: str | None) -> None:
         run = {k: None if value != value else value for k, value in now.run.items()}  # JSON has no NaN
         show(json.dumps(vars(now) | {"run": run}) if as_json else _status_text(now))
         return
-    rows = [_row(file) for file in results.stored(out)]
-    table = columns([tuple(rows[0]), *(tuple(row.values()) for row in rows)]) if rows else ""
+    rows = _rows(out)
     begin = f"{results.results_folder(out)} has no result; begin with: {results.command('run', 'fig5', out)}"
-    show(json.dumps(rows) if as_json else table or begin)
+    show(json.dumps(rows) if as_json else _table(rows) or begin)
 
 
-def _row(file: Path) -> dict[str, str]:
-    """A result in the table of the results folder."""
+def _table(rows: list[dict[str, str]]) -> str:
+    return columns([tuple(rows[0]), *(tuple(row.values()) for row in rows)]) if rows else ""
+
+
+def _rows(out: str | None) -> list[dict[str, str]]:
+    """The results of the folder, the newest first."""
+    from studies import results
+
+    every = [(file, file.with_name(f"{file.name}.parts")) for file in results.stored(out)]
+    there = [[path for path in (file, parts, *parts.glob("*")) if path.exists()] for file, parts in every]
+    ages = [max(path.stat().st_mtime for path in paths) for paths in there]
+    sizes = [sum(path.stat().st_size for path in paths if path.is_file()) for paths in there]
+    rows = sorted(zip(ages, [file for file, _ in every], sizes, strict=True), reverse=True)
+    return [_row(file, size, date) for date, file, size in rows]
+
+
+def _row(file: Path, size: float, date: float) -> dict[str, str]:
+    """A result in the table of the results folder; as `Snapshot` it counts computations until it is whole."""
     from datetime import datetime
 
+    import sweeps
     from studies.results import MAPS
-    from sweeps import status
 
-    times = [path.stat().st_mtime for path in (file, file.with_name(f"{file.name}.parts")) if path.exists()]
-    row = {"name": file.stem, "kind": "map" if file.parent.name == MAPS else "study", "points": "-"}
+    kind = "map" if file.parent.name == MAPS else "study" if file.stem in catalogue() else "own study"
     try:
-        now = status(file)
-        done, state = now.points - now.pending, now.state
-        row["points"] = f"{now.points}" if not now.pending else f"{done} of {now.points}"
+        now = sweeps.status(file)
+        done, state = now.done + now.failed + now.interpolated, now.state
+        points = f"{done} of {done + now.pending}" if now.pending else f"{now.points}"
+        state += f", {now.failed} failed" if now.failed else ""
     except (ValueError, OSError, RuntimeError):
-        state = "unreadable"
-    return row | {"state": state, "date": f"{datetime.fromtimestamp(max(times)):%d %b %Y, %H:%M}"}
+        points, state = "-", "unreadable"
+    age = about(max(1.0, time.time() - date)).removeprefix("about ")
+    row = {"name": file.stem, "kind": kind, "points": points, "state": state, "size": sweeps.size(size)}
+    return row | {"date": f"{datetime.fromtimestamp(date):%d %b %Y, %H:%M}", "age": age}
 
 
 def _status_text(status: Status) -> str:
@@ -93,6 +131,8 @@ def _status_text(status: Status) -> str:
     from sweeps import duration
 
     rows = {name: str(value) for name, value in vars(status).items() if name != "run"}
+    if (distinct := status.done + status.failed + status.pending + status.interpolated) < status.points:
+        rows["points"] += f", {distinct} of them distinct and not skipped"
     if status.state == "incomplete":
         rows["pending"] += ", which no run has requested"
     run = status.run
@@ -112,7 +152,7 @@ def query(target: str, out: str | None, form: str, units: bool, **which: Any) ->
     """Rows of a result, whole or still running: chosen, sorted, and printed as a table, CSV or JSON.
 
     \b
-    fiv query regimes --where 'mu > 0.2 and regime == "intermittent"' --sort -velocity_rms --limit 5
+    fiv query regimes --where 'mu > 0.2 and regime == "stuck"' --sort -V --limit 5
     fiv query regimes --by mu --show count,mean:stick_fraction,share:regime
     fiv query scenes --where 'status == "failed"' --show V,theta,mu,F,error
 
@@ -171,8 +211,8 @@ def report(targets: tuple[str, ...], out: str | None, file: str | None) -> None:
     """One HTML page of every result: figures, numbers beside the paper's, costs, points, maps to point at.
 
     \b
-    fiv report                              every study and map of the results folder
-    fiv report regimes stability            these alone
+    fiv report                       every study and map of the results folder
+    fiv report regimes stability     these alone
 
     The page needs no network and no other file.
     """  # noqa: D301 - the backspace tells click to keep the lines

@@ -35,7 +35,9 @@ _OPERATORS: dict[type, Callable[..., Any]] = {
 _ALLOWED = (ast.Compare, ast.BoolOp, ast.UnaryOp, ast.BinOp, ast.Name, ast.Constant, ast.Load, *_OPERATORS)
 _ALLOWED += (ast.Tuple, ast.List, ast.In, ast.NotIn)
 _HINTS = {ast.BitAnd: "write and", ast.BitOr: "write or", ast.Call: "nothing can be called"}
-_QUANTITY = re.compile(r"\b(\w+)\s*([=!<>]=|[<>])\s*(-?\d+\.?\d*(?:[eE]-?\d+)?)\s*([A-Za-zµμ°%][\w/*^-]*)")
+_QUANTITY = re.compile(
+    r"\b(\w+)\s*([=!<>]=|[<>])\s*(-?\d+\.?\d*(?:[eE]-?\d+)?)\s*(?!(?:and|or|in|not)\b)([A-Za-zµμ°%][\w/*^-]*)"
+)
 
 
 def parse(text: str, argument: str, units: Mapping[Any, str]) -> ast.expr:
@@ -51,7 +53,9 @@ def parse(text: str, argument: str, units: Mapping[Any, str]) -> ast.expr:
                 value = f"{convert(float(number), unit, units[name], name):g}"
                 advice = f"{name} is in {units[name].replace(' s-1', '/s')}: write {name} {sign} {value}"
                 raise InputError(f"{start}: units cannot stand in --where; {advice}") from None
-        raise InputError(f"{start}: {getattr(problem, 'msg', 'it cannot be read')}; {GRAMMAR}") from None
+        alone = re.search(r"[^=!<>]=(?!=)", text)
+        why = "to compare is ==" if alone else getattr(problem, "msg", "it cannot be read")
+        raise InputError(f"{start}: {why}; {GRAMMAR}") from None
     for node in ast.walk(tree):
         if not isinstance(node, _ALLOWED) or not isinstance(getattr(node, "value", 0), (int, float, str)):
             raise InputError(f"{start}: {_HINTS.get(type(node), f'no {type(node).__name__}')}; {GRAMMAR}")

@@ -133,7 +133,7 @@ class _Run:
         if store is not None:
             last = ["", *store.part_names()][-1]
             self.writer = PartWriter(store.parts, plan.manifest.variables, plan.manifest.token, last)
-        self.monitor = Monitor(plan.todo, progress, None if store is None else store.progress)
+        self.monitor = Monitor(plan.cached, plan.todo, progress, None if store is None else store.progress)
         row = sum(map(plan.manifest.row_bytes, plan.manifest.variables)) + ROW_BYTES
         self.sizes = BatchSizes(row)
         # Plain values: a signal's handler counts, and must not wait for a lock.
@@ -201,6 +201,7 @@ class _Run:
             backend = cluster(scheduler, workers, plan.task, tuple(plan.sweep.code), self.writer)
         # BLAS is limited for all batches here, since it takes a few milliseconds.
         with one_blas_thread(), backend as executor:
+            self.monitor.rate = executor.workers * plan.todo / max(plan.seconds, 1e-9)
             self.environments += executor.environments(plan.task.libraries)
             self._check_environments(self.environments)
             if (store := self.store) is not None:

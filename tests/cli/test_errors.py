@@ -58,7 +58,7 @@ def test_wrong_input_is_one_line_with_exit_2_and_leaves_nothing(here, folder, tm
         (tmp_path / name).write_text(text)
     done = here(*line.split(" "))
     assert (done.returncode, done.stdout) == (2, "")
-    (said,) = [text for text in done.stderr.splitlines() if "compiling once" not in text]
+    (said,) = [text for text in done.stderr.splitlines() if "compiling, once" not in text]
     assert said.startswith("fiv: ")
     assert message in said
     assert folder() == sorted(name for name in TABLES if not name.endswith(".py"))

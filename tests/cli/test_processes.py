@@ -151,7 +151,7 @@ def test_a_bar_shows_counts_time_and_the_batch(monkeypatch, capsys):
     said = capsys.readouterr().err
     assert "1/2" in said
     assert "0:00:0" in said
-    assert "1 failed  1 a second  1 s left  \\x1b]0;owned [red]not red[/red]" in said
+    assert "1 failed  1.00 a second  1 s left  \\x1b]0;owned [red]not red[/red]" in said
 
 
 def test_plain_lines_report_progress_where_there_is_no_terminal(here, own, monkeypatch):
@@ -165,7 +165,7 @@ def test_plain_lines_report_progress_where_there_is_no_terminal(here, own, monke
 def test_compiling_is_announced_once(here, own):
     kernels = "    import numba\n    [numba.njit(lambda x: x + k)(1.0) for k in range(2)]\n    return {"
     own.write_text(own.read_text().replace("    return {", kernels))
-    assert here("run", "own.py").stderr.count("fiv: compiling once, about 8 s\n") == 1
+    assert here("run", "own.py").stderr.count("fiv: compiling, once for this installation: up to 20 s\n") == 1
 
 
 def test_a_shell_completes_commands_options_and_studies(tmp_path):

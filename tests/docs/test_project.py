@@ -124,7 +124,7 @@ def test_studies_are_loaded_without_matplotlib():
     [
         ("fivcore", (".py",), 9650),
         ("sweeps", (".py",), 4510),
-        ("studies", (".py",), 11_150),
+        ("studies", (".py",), 11_170),
         ("studies", (".js", ".css", ".j2"), 500),
         ("tests/sweeps", (".py",), 2950),
         ("tests", (".py",), 16_750),

@@ -76,3 +76,9 @@ def test_another_nominal_rig_has_a_summary():
 def test_what_cannot_be_is_refused(values, message):
     with pytest.raises(ValueError, match=message):
         STUDY.sweep(values)
+
+
+def test_the_nominal_rig_is_in_the_middle_of_the_requested_distributions():
+    drawn = {"p1_length": parse("normal:60:0.1mm", "p1_length", "m"), "d1": parse("lognormal:40:0.2", "d1", "s-1")}
+    constants = STUDY.sweep(GIVEN | drawn).constants
+    assert (constants["p1_length"], constants["d1"], constants["p2_length"]) == (0.06, 40.0, 0.15)

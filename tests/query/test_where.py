@@ -58,7 +58,7 @@ def test_rows(where, keep):
 
 
 REFUSED = {
-    "a = 1": "invalid syntax",
+    "a = 1": "to compare is ==",
     "a ==": "invalid syntax; it may have names, SI numbers",
     "": "a list can only stand after in, like mu in (0.1, 0.2)",
     "a == 1 & b == 1": "write and; it may have",
@@ -92,6 +92,7 @@ REFUSED = {
     "a == 2mm/s and b > 0": "units cannot stand in --where; a is in m/s: write a == 0.002",
     "a == 2kg": "kg is a mass; a is a speed",
     "share == 2kg": "invalid decimal literal",
+    "a == 2 and b = 3": "to compare is ==",
 }
 
 

@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ def test_every_batch_size_gives_the_same_bits(path, sizes, monkeypatch):
 
 @pytest.mark.usefixtures("small_pieces")
 def test_a_run_may_be_resumed_on_another_back_end_with_other_batches(path, scheduler, monkeypatch):
-    for number, count in enumerate((5, 9, 3)):
+    for number, count in enumerate((5, 14, 17)):
         monkeypatch.setattr(batches, "BATCH_BYTES", 50.0 * number + 1.0)
         with pytest.raises(KeyboardInterrupt):
             make(points=80).plan(path).run("sync" if number == 1 else scheduler, progress=stop_after(count))
@@ -96,6 +97,14 @@ def test_snapshots_count_and_describe_batches_and_a_callback_that_raises_ends_th
     with pytest.raises(ZeroDivisionError):
         make(pause=0.01).plan(path).run(scheduler, progress=lambda snapshot: 1 / (snapshot.done < 6))
     assert make(pause=0.01).plan(path).cached > 4
+
+
+def test_a_run_that_goes_on_counts_on_and_has_the_plans_time_at_first(path):
+    make(points=10).plan(path).run("sync")
+    plan, snapshots = replace(make(points=40).plan(path), seconds=60.0), []
+    plan.run("sync", progress=snapshots.append)
+    assert (snapshots[0].done, snapshots[0].todo, snapshots[0].left) == (10, 40, pytest.approx(60.0))
+    assert (snapshots[-1].done, snapshots[-1].left) == (40, 0.0)
 
 
 @pytest.mark.usefixtures("small_pieces")
