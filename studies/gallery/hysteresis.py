@@ -15,7 +15,7 @@ from fivcore import Scene, State, Transient, checks
 from fivcore.contact.reduced import full_model
 from studies import labels
 from studies.gallery.regimes import linear_stability
-from studies.motion import ensemble, regimes
+from studies.motion import ensemble, regimes, starts
 from studies.motion import run as runs
 from studies.motion.jobs import Job, balanced, run_all
 from studies.parameters import FRICTION, RIG, RUN, SCENE
@@ -46,10 +46,12 @@ OUTPUTS: dict[str, Any] = {
 }
 
 
-def follow(scenes: Sequence[tuple[Scene, ...]], member: Any, hold: float, **run: Any) -> dict[str, Any]:
+def follow(
+    scenes: Sequence[tuple[Scene, ...]], member: Any, hold: float, knock: float = 0.0, **run: Any
+) -> dict[str, Any]:
     """The motion at each value of the parameter, up and down, of each point."""
     numbers = np.broadcast_to(member, len(scenes)).tolist()
-    found = [loop(chain, number, hold, run) for chain, number in zip(scenes, numbers, strict=True)]
+    found = [loop(chain, number, hold, knock, run) for chain, number in zip(scenes, numbers, strict=True)]
     errors = [each if isinstance(each, Exception) else None for each in found]
     done = [each for each in found if isinstance(each, dict)]
     if not done:
@@ -60,7 +62,7 @@ def follow(scenes: Sequence[tuple[Scene, ...]], member: Any, hold: float, **run:
     }
 
 
-def loop(chain: Sequence[Scene], number: float, hold: float, run: dict[str, Any]) -> Any:
+def loop(chain: Sequence[Scene], number: float, hold: float, knock: float, run: dict[str, Any]) -> Any:
     """Outputs of one realisation, or the error of the first scene that has none."""
     sense, settling = np.sign(chain[0].V), runs.SETTLING * chain[0].rig.time_unit
     chain = [scene if scene.V > 0.0 else scene.mirrored() for scene in chain]
@@ -75,6 +77,9 @@ def loop(chain: Sequence[Scene], number: float, hold: float, run: dict[str, Any]
         if state is None:
             loading = 0.5 * run["ramp"] + ensemble.loading_time(scene)
             job = runs.job(scene, loading + settling + hold, run)
+            if knock:
+                q, (_, v) = starts.equilibrium(scene), starts.directions(scene, ["knock"])[0]
+                job = runs.job(scene, settling + hold, run, initial=State.of(scene, q, knock * v))
         else:
             # A change of V is a jump of the slip rate, which knocks a vibration: it is made in small ones.
             for speed in np.linspace(before.V, scene.V, SPEEDS + 1)[1:-1] if scene.V != before.V else ():
@@ -243,6 +248,9 @@ STUDY = Study(
         "member": Parameter(np.arange(1, 4), "1", "realisation, by the ramp of the drive"),
         "follow": Parameter("mu", "1", "parameter that is followed", FOLLOWED, common=True),
         "hold": Parameter(0.5, "s", "time of statistics at each value", common=True),
+        "knock": Parameter(
+            0.0, "N s", "start by this impulse on sliding P1, positive onto P2; 0: start of the drive", common=True
+        ),
     }
     | RUN,
     outputs=OUTPUTS,
