@@ -166,16 +166,18 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
     return dataset
 
 
-def interval(dataset: xr.Dataset) -> list[tuple[float, float]]:
-    """Ends of the interval, mean over realisations, with half a step and their scatter as uncertainty."""
-    cells, found = np.diff(planes.edges(dataset[followed(dataset)].values)), []
-    for side in ("low", "high"):
-        values = dataset[f"bistable_{side}"].values.ravel()
-        values = values[np.isfinite(values)]
-        if not len(values):
+def interval(dataset: xr.Dataset) -> list[tuple[float, float, bool]]:
+    """Mean ends of the interval, uncertainty (half a step and their scatter), whether it reaches beyond the values."""
+    values, found = dataset[followed(dataset)].values, []
+    for side, beyond in (("low", 0), ("high", len(values))):
+        ends = dataset[f"bistable_{side}"].values.ravel()
+        ends = ends[np.isfinite(ends)]
+        if not len(ends):
             return []
-        scatter = float(values.std(ddof=1)) if len(values) > 1 else 0.0
-        found.append((float(values.mean()), float(np.hypot(0.5 * cells.max(), scatter))))
+        place = int(np.clip(np.searchsorted(values, ends.mean()), 1, len(values) - 1))
+        scatter = float(ends.std(ddof=1)) if len(ends) > 1 else 0.0
+        error = float(np.hypot(0.5 * (values[place] - values[place - 1]), scatter))
+        found.append((float(ends.mean()), error, bool((np.searchsorted(values, ends) == beyond).any())))
     return found
 
 
@@ -183,7 +185,10 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """Where the motion depends on the direction, and the motion at each value."""
     name = followed(dataset)
     factor, unit = labels.unit_of(dataset[name])[1], labels.unit_of(dataset[name])[0]
-    ends = [f"{factor * value:.4g} ± {factor * error:.2g}" for value, error in interval(dataset)]
+    ends = [
+        f"{'beyond ' if is_open else ''}{factor * value:.4g} ± {factor * error:.2g}"
+        for value, error, is_open in interval(dataset)
+    ]
     where = f"{labels.title(name)} from {' to '.join(ends)}{f' {unit}' if unit else ''}"
     count = int(np.isfinite(dataset["bistable_low"]).sum())
     loops = dataset["bistable_low"].size
