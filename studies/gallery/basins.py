@@ -190,9 +190,8 @@ def draw(dataset: xr.Dataset) -> Figure:
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     fixed = [labels.named(name, dataset[name].values.ravel()[0], str(dataset[name].attrs.get("units", "1")))
              for name in ("V", "theta", "mu", "F") if name != x and name in dataset.coords]  # fmt: skip
-    figure.suptitle(
-        figures.fitted(f"Motions that starts about {dataset['about'].values} lead to: {', '.join(fixed)}", 16.0)
-    )
+    about = "steady sliding" if str(dataset["about"].values) == "sliding" else "rest"
+    figure.suptitle(figures.fitted(f"Motions that starts about {about} lead to: {', '.join(fixed)}", 16.0))
     return figure
 
 
@@ -205,8 +204,10 @@ def _draw_shares(axes: Any, at: xr.Dataset, x: str) -> None:
     shares = [np.repeat(np.nan_to_num(at["share"].sel(kind=name).values), 2) for name in names]
     axes.stackplot(sides, *shares, colors=[planes.COLOURS[REGIMES.index(name)] for name in names])
     share, low, high = (at[f"vibration_share{end}"].values for end in ("", "_low", "_high"))
-    axes.errorbar(labels.readable(at[x]).values, share, [np.nan_to_num(share - low), np.nan_to_num(high - share)],
-                  color="black", linestyle="none", capsize=2.0, linewidth=0.8)  # fmt: skip
+    known = np.isfinite(low)
+    ends = np.stack([share - low, high - share])[:, known]
+    look = {"color": "black", "linestyle": "none", "capsize": 2.0, "linewidth": 0.8}
+    axes.errorbar(labels.readable(at[x]).values[known], share[known], ends, **look)
     axes.set(ylim=(0.0, 1.0), ylabel="share")
 
 

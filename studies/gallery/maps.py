@@ -229,7 +229,8 @@ def _draw_plane(axes: Any, dataset: xr.Dataset, name: str, x: str, y: str) -> No
             planes.cells(axes, 0.0 * values.where(values <= 0.0), x, y, cmap="Greys", vmin=-0.15, vmax=1.0)
             axes.fill_between([], [], color="#ededed", label="stable")
             values = values.where(values > 0.0)
-        bar = axes.figure.colorbar(planes.cells(axes, values, x, y), ax=axes)
+        log = {"norm": "log"} if name in knock.OUTPUTS and values.min() > 0.0 else {}
+        bar = axes.figure.colorbar(planes.cells(axes, values, x, y, **log), ax=axes)
         bar.set_label(figures.fitted(labels.label(dataset[name], long=True), 7.0))
         axes.set_title("" if values.notnull().any() else "no value", fontsize=9.0)
         failed = np.ma.masked_not_equal(dataset["status"].transpose(y, x).values, FAILED)
