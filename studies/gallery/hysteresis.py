@@ -167,7 +167,7 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def interval(dataset: xr.Dataset) -> list[tuple[float, float, bool]]:
-    """Mean ends of the interval, uncertainty (half a step and their scatter), whether it reaches beyond the values."""
+    """Mean ends of the interval, their uncertainty (half a step and the scatter), and whether each is open."""
     values, found = dataset[followed(dataset)].values, []
     for side, beyond in (("low", 0), ("high", len(values))):
         ends = dataset[f"bistable_{side}"].values.ravel()
