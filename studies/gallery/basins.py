@@ -21,8 +21,7 @@ from studies.spec import evenly
 from studies.stability import first_onsets
 from studies.study import Parameter, Study
 from studies.uncertainty import wilson
-from sweeps import Axis, Variable
-from sweeps.sample import unit_draws
+from sweeps import Axis, Variable, unit_draws
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -153,7 +152,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     """
     x, *others = _axes(dataset)
     if dataset.sizes[others[0]] > 1 or not bool(dataset["vibration_share"].notnull().any()):
-        return general.draw(dataset)
+        return general.draw(dataset[["vibration_share", "status"]])
     at = dataset.isel({name: 0 for name in others})
     moved = [name for name in COORDINATES if np.ptp(np.atleast_1d(dataset[name].values)) > 0.0][:2]
     chosen = planes.subset(at.sizes[x], PANELS) if len(moved) == 2 else []
@@ -191,7 +190,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     fixed = [labels.named(name, dataset[name].values.ravel()[0], str(dataset[name].attrs.get("units", "1")))
              for name in ("V", "theta", "mu", "F") if name != x and name in dataset.coords]  # fmt: skip
     about = "steady sliding" if str(dataset["about"].values) == "sliding" else "rest"
-    figure.suptitle(figures.fitted(f"Motions that starts about {about} lead to: {', '.join(fixed)}", 16.0))
+    figure.suptitle(figures.fitted(f"Starts about {about} by their motion: {', '.join(fixed)}", 16.0))
     return figure
 
 

@@ -16,7 +16,6 @@ from fivcore.structure import Structure, structure_of
 from studies.motion import run as runs
 from studies.motion.jobs import balanced, run_all
 from studies.parameters import RUN, Parameter
-from studies.stability import sliding_of
 
 Array = NDArray[np.float64]
 
@@ -83,7 +82,8 @@ def directions(scene: Scene, names: Sequence[str], mode: int = 0, second_mode: i
 
 def _mode(scene: Scene, own: Structure, number: int, name: str) -> tuple[complex, Any]:
     """Exponent and modal shape of a mode of steady sliding, in which B moves by 1."""
-    modes = sliding_modes(scene.rig, scene.theta, scene.mu, runs.BAND, **sliding_of(scene))
+    law: dict[str, Any] = {"friction": scene.friction, "V": scene.V, "F": scene.F}
+    modes = sliding_modes(scene.rig, scene.theta, scene.mu, runs.BAND, **law)
     found = np.flatnonzero(modes.frequency > 0.0)
     if not 0 <= number <= len(found) or not len(found):
         raise InputError(f"{name} = {number}: steady sliding has {len(found)} modes that oscillate below 10 kHz")

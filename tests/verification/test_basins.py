@@ -109,11 +109,10 @@ def test_of_a_thousand_starts_three_are_on_the_wrong_side_at_most(V):
     assert differing(V, 1000) <= 3
 
 
-@pytest.mark.parametrize(("count", "time"), [(3, 200.0), pytest.param(10, 500.0, marks=pytest.mark.slow)])
-def test_exact_motion_has_the_same_labels(count, time):
-    data, scene = drawn(1.7, 256), Scene(1.7, 0.0, 1.0, 1.0, BLOCK, LAW)
-    assert {*(data["label"].values[:count] == STEADY)} == {True, False}
-    for k in range(count):
+def test_exact_motion_of_ten_starts_has_the_same_labels():
+    data, scene, time = drawn(1.7, 256), Scene(1.7, 0.0, 1.0, 1.0, BLOCK, LAW), 200.0
+    assert {*(data["label"].values[:10] == STEADY)} == {True, False}
+    for k in range(10):
         x, v = (float(data[name][k]) for name in ("start_displacement", "start_velocity"))
         start = State.of(scene, [0.0, x], [0.0, v])
         exact = simulate(scene, time, "exact", initial=start, settle=0.5 * time, step=0.1).summary
