@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from fivcore import Scene, State, checks
 from studies import labels, paper
+from studies.gallery import knock as knocks
 from studies.motion import regimes, starts
 from studies.motion.run import REGIMES
 from studies.motion.starts import COORDINATES
@@ -37,6 +39,7 @@ OUTPUTS = {
     "share": ("1", "share of starts that lead to a motion", "kind"),
     "share_low": ("1", "lower end of its 95 % interval (Wilson)", "kind"),
     "share_high": ("1", "upper end of its 95 % interval (Wilson)", "kind"),
+    **{name: replace(variable, scale="") for name, variable in knocks.OUTPUTS.items()},
     "vibration_share": ("1", VIBRATION),
     "vibration_share_low": ("1", "lower end of its 95 % interval (Wilson)"),
     "vibration_share_high": ("1", "upper end of its 95 % interval (Wilson)"),
@@ -60,7 +63,7 @@ def box(starts_are: str, most: int, seed: int, values: dict[str, Any]) -> NDArra
 
 def motions(
     scenes: Sequence[Scene], about: str, starts_are: str, most: int, width: float, seed: int,
-    mode: int, second_mode: int, **options: Any,
+    mode: int, second_mode: int, largest_knock: float, resolution: float, **options: Any,
 ) -> dict[str, Any]:  # fmt: skip
     """Label of each start, and shares, for each scene."""
     places = box(starts_are, most, seed, {name: options.pop(name) for name in COORDINATES})
@@ -89,6 +92,7 @@ def motions(
             **{f"start_{name}": column for name, column in zip(COORDINATES, drawn.T, strict=True)},
             "draws": count,
             **{"share": shares, "share_low": ends[0], "share_high": ends[1]},
+            **knocks.threshold(scene, largest_knock, resolution, options),
             **{"vibration_share": vibrates, "vibration_share_low": own[0], "vibration_share_high": own[1]},
         }
 
@@ -112,7 +116,7 @@ def coords(
 def check(width: Any, **others: Any) -> None:
     """Refuse what cannot be computed."""
     checks.between("width", width, 1e-3, 1.0, "1")
-    starts.check(**{name: others[name] for name in ("V", "F", *starts.SETTINGS)})
+    knocks.check(**{name: others[name] for name in ("V", "F", *knocks.PARAMETERS)})
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
@@ -127,9 +131,16 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         f" at {both} of {share.size} points some do and others do not."
     )
     at = dataset.isel({name: 0 for name in others})
+    needed = 1e3 * at["knock_threshold"].dropna(x)
+    if needed.size:
+        ends = " to ".join(labels.number(float(end)) for end in (needed.max(), needed.min()))
+        where = " to ".join(labels.number(float(labels.readable(needed[x])[k])) for k in (0, -1))
+        where = f"{labels.title(x)} from {where} {labels.unit_of(at[x])[0]}".strip()
+        yield f"Steady sliding is stable at {where}, yet a knock of {ends} mN s on P1 starts vibration there."
     columns = {f"{labels.SYMBOLS.get(x, x)} {labels.unit_of(at[x])[0]}".strip(): labels.readable(at[x]).values}
     columns |= {"starts": at["draws"].values}
     columns |= {str(kind): at["share"].sel(kind=kind).values for kind in _occurring(at)}
+    columns |= {"least knock mN s": 1e3 * at["knock_threshold"].values}
     columns |= {"vibration, from": at["vibration_share_low"].values, "to": at["vibration_share_high"].values}
     yield "Share of each motion, and the 95 % interval of that of vibration", pd.DataFrame(columns)
 
@@ -245,7 +256,7 @@ STUDY = Study(
         "width": Parameter(0.2, "1", "width of the 95 % intervals of all shares at which draws end", common=True),
         "seed": Parameter(0, "1", "seed of the draws, which all points share", common=True),
     }
-    | starts.SETTINGS,
+    | knocks.PARAMETERS,
     outputs=OUTPUTS,
     function=motions,
     coords=coords,
