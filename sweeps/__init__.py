@@ -11,7 +11,7 @@ from sweeps.fingerprint.code import load_script, plain
 from sweeps.fingerprint.identity import json_equal
 from sweeps.grid import DONE, FAILED, INTERPOLATED, INTERPOLATED_FLAG, PENDING, SKIPPED, STATUS_FLAGS
 from sweeps.grid import Axis, Grid, Refinement, Variable, blocks, check_counts, check_size
-from sweeps.plan.planning import duration
+from sweeps.plan.planning import duration, size
 from sweeps.refine.refine import refined
 from sweeps.refine.refine import report as refinement_report
 from sweeps.sample import Sample, quantiles, unit_draws
