@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from functools import partial
+from functools import cache
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Thread
@@ -19,31 +19,6 @@ HOST = "127.0.0.1"
 PAUSE, REST = 2.0, 4.0
 
 
-class Handler(SimpleHTTPRequestHandler):
-    """Answers every request with the page."""
-
-    def __init__(self, file: Path, *request: Any) -> None:
-        self.file = file
-        super().__init__(*request)
-
-    def translate_path(self, path: str) -> str:
-        """The page's file, whatever the address."""
-        return str(self.file)
-
-    def guess_type(self, path: Any) -> str:
-        """The page's type."""
-        return "text/html; charset=utf-8"
-
-    def send_head(self) -> Any:
-        """The answer's head; no answer where another site's name leads here."""
-        if self.headers.get("Host", "").partition(":")[0] not in (HOST, "localhost"):
-            return self.send_error(403)
-        return super().send_head()
-
-    def log_message(self, *_: Any) -> None:
-        """Print nothing."""
-
-
 def watch(
     targets: Sequence[str], out: str | Path | None, file: str | Path | None, tell: Tell, announce: Tell
 ) -> NoReturn:
@@ -51,19 +26,27 @@ def watch(
 
     `announce` is given its address; `tell` each line once.
     """
-    known, said = page.Known(), set[str]()
-
-    def once(line: str) -> None:
-        if line not in said:
-            tell(line)
-        said.add(line)
+    known, once = page.Known(), cache(tell)
 
     def versions() -> list[Any]:
         return [page.version(results.results_file(name, out)) for name in page.names(targets, out)]
 
     before, took = versions(), 0.0
     written = page.write(targets, out, file, once, known)
-    with ThreadingHTTPServer((HOST, 0), partial(Handler, written)) as server:
+
+    class Handler(SimpleHTTPRequestHandler):
+        def translate_path(self, path: str) -> str:
+            return str(written)  # whatever the address
+
+        def send_head(self) -> Any:
+            # Nothing where another site's name leads here.
+            known_host = self.headers.get("Host", "").partition(":")[0] in (HOST, "localhost")
+            return super().send_head() if known_host else self.send_error(403)
+
+        def log_message(self, *_: Any) -> None:
+            pass
+
+    with ThreadingHTTPServer((HOST, 0), Handler) as server:
         Thread(target=server.serve_forever, daemon=True).start()
         announce(f"http://{HOST}:{server.server_port}/")
         try:
