@@ -157,4 +157,8 @@ def table_text(table: pd.DataFrame, width: int) -> str:
 
 def html(table: pd.DataFrame) -> str:
     """A table as HTML; texts are escaped."""
-    return str(table.map(labels.number).to_html(index=False, border=0, classes="data", na_rep="-"))
+    return str(
+        table.map(labels.number)
+        .rename_axis(columns=None)
+        .to_html(index=False, border=0, classes="data", na_rep="-")
+    )

@@ -206,16 +206,24 @@ PAGE = click.option(
 )
 
 
-@command("report", "One HTML page of every result.", TARGETS, OUT, PAGE)
-def report(targets: tuple[str, ...], out: str | None, file: str | None) -> None:
+WATCH = click.option("--watch", is_flag=True, help="Serve the page to this machine while results change.")
+
+
+@command("report", "One HTML page of every result.", TARGETS, OUT, PAGE, WATCH)
+def report(targets: tuple[str, ...], out: str | None, file: str | None, watch: bool) -> None:
     """One HTML page of every result: figures, numbers beside the paper's, costs, points, maps to point at.
 
     \b
     fiv report                       every study and map of the results folder
     fiv report regimes stability     these alone
+    fiv report --watch               served on this machine while runs go on
 
     The page needs no network and no other file.
     """  # noqa: D301 - the backspace tells click to keep the lines
+    if watch:
+        from studies.report.watch import watch as serve
+
+        serve(targets, out, file, tell, show)
     from studies.report import page
 
     show(str(page.write(targets, out, file, tell)))

@@ -16,13 +16,18 @@ from markupsafe import Markup
 import sweeps
 from studies import labels, registry, results, runner, summary
 from studies.parameters import KNOWN
-from studies.report.section import Result, Tell, content, date, reason
+from studies.report.section import Result, Tell, content, date, packed, reason
 from sweeps import InputError, MissingFileError
 
 HERE = Path(__file__).parent
+# A result with what the page says of it; those of an earlier page by their file, with its version.
+Section = tuple[Result, dict[str, Any]]
+Known = dict[Path, tuple[Any, Section]]
 
 
-def write(targets: Sequence[str], out: str | Path | None, file: str | Path | None, tell: Tell) -> Path:
+def write(
+    targets: Sequence[str], out: str | Path | None, file: str | Path | None, tell: Tell, known: Known | None = None
+) -> Path:
     """Write the page of some results, or of all of the results folder and of the reference.
 
     Parameters
@@ -35,6 +40,8 @@ def write(targets: Sequence[str], out: str | Path | None, file: str | Path | Non
         The page; by default `report.html` in the results folder.
     tell : callable
         Given a line for all results that are the reference's, and for each thing that cannot be shown.
+    known : dict, optional
+        Sections of an earlier page, which are taken where a file is the same; those of this page are added.
 
     Returns
     -------
@@ -48,18 +55,27 @@ def write(targets: Sequence[str], out: str | Path | None, file: str | Path | Non
     StoreError
         If the page cannot be written.
     """
-    folder = results.results_folder(out)
-    names = [registry.resolve(each).name if results.is_script(each) else each for each in dict.fromkeys(targets)]
-    contents, broken = opened(names or everything(folder), out, tell)
-    if not contents:
+    sections, broken = opened(names(targets, out), out, tell, {} if known is None else known)
+    if not sections:
         raise InputError(broken[0])
-    if notice := of_reference(contents):
+    if notice := of_reference(sections):
         tell(notice)
-    target = results.expanded(file) if file else folder / "report.html"
-    whole = page(contents, broken, tell)
+    target = results.expanded(file) if file else results.results_folder(out) / "report.html"
+    whole = page(sections, broken)
     with runner.written(target) as temporary:
         temporary.write_text(whole, encoding="utf-8", errors="backslashreplace", newline="\n")
     return target
+
+
+def names(targets: Sequence[str], out: str | Path | None) -> list[str]:
+    """The results that the page shows, by name or path."""
+    names = [registry.resolve(each).name if results.is_script(each) else each for each in dict.fromkeys(targets)]
+    return names or everything(results.results_folder(out))
+
+
+def version(file: Path) -> tuple[Any, ...]:
+    """A value that changes when a result does, or a run of it begins or ends."""
+    return sweeps.Store(file).is_locked(), *sweeps.Store(file).version()
 
 
 def everything(folder: Path) -> list[str]:
@@ -75,50 +91,51 @@ def everything(folder: Path) -> list[str]:
     return [str(file) for file in (*own, *others) if sweeps.Store(file).exists()]
 
 
-def opened(names: Sequence[str], out: str | Path | None, tell: Tell) -> tuple[list[Result], list[str]]:
-    """The results, and for each file that is not one a line with the reason, which `tell` gets as well."""
-    contents, broken = list[Result](), list[str]()
+def opened(
+    names: Sequence[str], out: str | Path | None, tell: Tell, known: Known
+) -> tuple[list[Section], list[str]]:
+    """The results with their sections, and for each file that is none a line with the reason, told as well."""
+    sections, broken = list[Section](), list[str]()
     for name in names:
         file = results.results_file(name, out)
         try:
-            dataset = results.open_dataset(name, out)
-            contents.append(Result(runner.study_of(dataset, str(file)), dataset, file, sweeps.status(file).state))
+            now = version(file)
+            if known.get(file, ("",))[0] != now:
+                dataset = results.open_dataset(name, out)
+                result = Result(runner.study_of(dataset, str(file)), dataset, file, sweeps.status(file))
+                with results.reading(file):
+                    known[file] = now, (result, content(result, tell))
+            sections.append(known[file][1])
         except MissingFileError:
             raise
         except Exception as problem:  # noqa: BLE001 - a bad file, or a study that fails to load, is named on the page
             why = reason(problem)
             broken.append(why if str(file) in why else f"{file}: {why}")
             tell(broken[-1])
-    return contents, broken
+    return sections, broken
 
 
-def of_reference(contents: Sequence[Result]) -> str:
+def of_reference(sections: Sequence[Section]) -> str:
     """A line that names the studies which are shown by the reference; "" if none is."""
-    studies = [result for result in contents if result.name in registry.names()]
+    studies = [result for result, _ in sections if result.name in registry.names()]
     theirs = [result.name for result in studies if result.is_reference]
     return f"{len(theirs)} of {len(studies)} studies are the reference's: {', '.join(theirs)}" if theirs else ""
 
 
-def page(contents: Sequence[Result], broken: Sequence[str], tell: Tell) -> str:
+def page(sections: Sequence[Section], broken: Sequence[str]) -> str:
     """The whole page; equal results give equal pages."""
-    sections = list[tuple[Result, dict[str, Any]]]()
-    for result in contents:
-        with results.reading(result.file):
-            sections.append((result, content(result, tell)))
     environment = Environment(autoescape=True, undefined=StrictUndefined, loader=FileSystemLoader(HERE))
-    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     style, script = ((HERE / name).read_text("utf-8") for name in ("page.css", "page.js"))
     own, theirs = ([each for each in sections if each[0].is_reference is kind] for kind in (False, True))
     groups = {"Your results": own, "The project's results": theirs}
     return environment.get_template("page.html.j2").render(
         groups={name: group for name, group in groups.items() if group},
-        findings=[(result, made["finding"]) for result, made in theirs if made["finding"]],
-        notice=of_reference(contents),
-        newest=date(max(result.stamp for result in contents)),
+        notice=of_reference(sections),
+        newest=date(max(result.stamp for result, _ in sections)),
         broken=broken,
         rig=Markup((HERE / "rig.svg").read_text("utf-8")),
         symbols=Markup(summary.html(symbols())),
-        library=b64encode(datatables("js").encode()).decode(),
+        library=packed(datatables("js")),
         styles=[Markup(datatables("css")), Markup(style)],
         script=Markup(script),
         digest=b64encode(sha256(script.encode()).digest()).decode(),

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
+import json
+import os
 import re
 import traceback
 from base64 import b64encode
@@ -9,7 +12,8 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +24,7 @@ from markupsafe import Markup
 import sweeps
 from studies import labels, registry, results, runner, summary
 from studies.motion.regimes import KINDS
-from studies.plotting import planes
+from studies.plotting import figures, planes
 from studies.results import settings
 from studies.study import Study
 
@@ -44,14 +48,13 @@ class Result:
     study : Study
     dataset : xarray.Dataset
     file : Path
-    state : str
-        "complete", "running" or "interrupted".
+    status : sweeps.Status
     """
 
     study: Study
     dataset: xr.Dataset
     file: Path
-    state: str
+    status: sweeps.Status
 
     @property
     def is_reference(self) -> bool:
@@ -75,21 +78,41 @@ class Result:
         return self.study.title if self.study.dims else f"{self.study.title} over {along}"
 
     @property
+    def kind(self) -> str:
+        """What computed it: a predefined study, one of one's own, or a map."""
+        own = "study" if self.study.name in registry.NAMES else "own study"
+        return "map" if self.file.parent.name == results.MAPS else own
+
+    @property
     def stamp(self) -> str:
-        """When it was last computed, as its file says; "" of a run that is not complete."""
-        history = str(self.dataset.attrs.get("history", ""))
-        return history.rpartition("\n")[2].partition(" ")[0] if self.state == "complete" else ""
+        """When it was last computed: as its file says; of a run that is not complete, when files last changed."""
+        if self.status.state == "complete":
+            return str(self.dataset.attrs.get("history", "")).rpartition("\n")[2].partition(" ")[0]
+        changed = max((each.st_mtime for each in self._files()), default=0.0)
+        return f"{datetime.fromtimestamp(changed, UTC):%Y-%m-%dT%H:%M:%SZ}"
+
+    def _files(self) -> list[os.stat_result]:
+        paths = (self.file, *Path(f"{self.file}.parts").glob("*"))
+        return [path.stat() for path in paths if path.is_file()]
+
+    @property
+    def progress(self) -> str:
+        """How far a run is: "running, 3.2 min left"; "" of one that is complete."""
+        state, left = self.status.state, self.status.run.get("left", np.nan)
+        time = f", {sweeps.duration(left)} left" if left > 0.0 else ""
+        return "" if state == "complete" else f"{state}{time}"
 
     @property
     def facts(self) -> dict[str, str]:
-        """Points, CPU time, date, program, file, and the command that computes it."""
+        """Points, size, CPU time, date, program, file, and the command that computes it."""
         codes = self.dataset["status"].values
         words = sweeps.STATUS_FLAGS | sweeps.INTERPOLATED_FLAG
         counts = {word: np.count_nonzero(codes == code) for code, word in words.items()}
         return {
             "points": ", ".join(f"{count} {word}" for word, count in counts.items() if count),
+            "size": sweeps.size(sum(each.st_size for each in self._files())),
             "CPU time": sweeps.duration(float(np.nansum(self.dataset["wall_time"].values))),
-            "computed": date(self.stamp) or self.state,
+            "computed": self.progress or date(self.stamp),
             "by": str(self.dataset.attrs.get("source", "unknown")),
             "file": str(self.file),
             "again": results.command("run", self.study.name if self.is_reference else str(self.file)),
@@ -102,6 +125,29 @@ def date(stamp: str) -> str:
         when = datetime.fromisoformat(stamp)
         return f"{when.day} {when:%b %Y, %H:%M} UTC"
     return stamp
+
+
+def packed(text: str) -> str:
+    """A text as the page keeps it: compressed, in base64."""
+    return b64encode(gzip.compress(text.encode(), mtime=0)).decode()
+
+
+def picture(png: bytes) -> str:
+    """A figure for the page in base64: as sharp, in 128 colours, of which eyes do not miss the others."""
+    from PIL import Image
+
+    with Image.open(BytesIO(png)) as image:
+        image.convert("RGB").quantize(128).convert("RGB").save(small := BytesIO(), "webp", lossless=True)
+    return b64encode(small.getvalue()).decode()
+
+
+def images(result: Result) -> list[bytes]:
+    """The figures of a result: those beside its file if they show its data, else drawn anew."""
+    beside = [result.file.with_name(f"{result.name}{each}.png") for each in ("", "-series")]
+    found = [path.read_bytes() for path in beside if path.is_file()]
+    digest = figures.data_digest(result.dataset) if found else ""
+    shown = [image for image in found if figures.shows(image, digest)]
+    return shown or list(runner.image(result.study, result.dataset, "png").values())
 
 
 def reason(problem: Exception) -> str:
@@ -121,7 +167,7 @@ def content(result: Result, tell: Tell) -> dict[str, Any]:
     made["facts"] = result.facts
 
     def draw() -> None:
-        made["figures"] = [b64encode(image).decode() for image in runner.image(study, dataset, "png").values()]
+        made["figures"] = [picture(image) for image in images(result)]
 
     def summarise() -> None:
         for part in summary.parts(study, dataset):
@@ -130,7 +176,8 @@ def content(result: Result, tell: Tell) -> dict[str, Any]:
             made["finding"] = next((part for part in study.summary(dataset) if isinstance(part, str)), "")
 
     def tabulate() -> None:
-        made["points"] = points(study, dataset)
+        made["points"] = points(study, dataset, result.file)
+        made["packed"] = packed(json.dumps(made["points"], allow_nan=False, separators=(",", ":")))
 
     for what, make in (("figure", draw), ("summary", summarise), ("table of points", tabulate)):
         try:
@@ -141,14 +188,15 @@ def content(result: Result, tell: Tell) -> dict[str, Any]:
     return made
 
 
-def points(study: Study, dataset: xr.Dataset) -> dict[str, Any]:
+def points(study: Study, dataset: xr.Dataset, file: Path) -> dict[str, Any]:
     """The points for the table and the map of the page.
 
     Returns
     -------
     dict
         `dims` and `shape` of the grid of rows, `size` in words; `columns` (`_column`); `plane`, two dimensions by
-        index or None; `command`, which lacks the parameters of a point, or ""; `colours` of words.
+        index or None; `scene`, what is fixed; `command` and `python`, which lack the parameters of a point, or "";
+        `colours` of words.
     """
     status = dataset["status"]
     inner = [name for name, parameter in study.parameters.items() if parameter.inner and name in dataset.dims]
@@ -174,15 +222,19 @@ def points(study: Study, dataset: xr.Dataset) -> dict[str, Any]:
     if thinned:
         size = f"{np.prod(shape)} of {size} ({', '.join(thinned)}); the file has all"
     columns = [_column(thin[name], dims, name in study.parameters) for name in chosen]
-    varied = [name for name in chosen if name in study.parameters and thin[name].dtype.kind in "iuf"]
-    wide = [d for d, dim in enumerate(dims) if shape[d] > 1 and dim in varied]
-    plane = sorted(sorted(wide, key=lambda d: -shape[d])[:2])
+    varied = [dim for dim in (*status.dims, *inner) if dim in chosen and thin[dim].dtype.kind in "iuf"]
+    wide = [d for d, dim in enumerate(dims) if shape[d] > 1 and dim not in results.PATHS]
+    # A numeric parameter, and another, or else what comes next, such as a direction.
+    plane = sorted(sorted(wide, key=lambda d: (dims[d] not in varied, -shape[d]))[:2])
+    command, python = again(study, dataset, file)
     return {
         "dims": dims,
         "shape": shape,
         "columns": columns,
-        "plane": plane if len(plane) == 2 else None,
-        "command": again(study, dataset),
+        "plane": plane if len(plane) == 2 and {dims[d] for d in plane} & {*varied} else None,
+        "scene": summary.fixed_text(study, dataset),
+        "command": command,
+        "python": python,
         "colours": dict(zip(KINDS, planes.COLOURS, strict=True)),
         "size": size,
     }
@@ -210,11 +262,12 @@ def _column(array: xr.DataArray, dims: list[str], is_parameter: bool) -> dict[st
     }
 
 
-def again(study: Study, dataset: xr.Dataset) -> str:
-    """The command that computes a point, without the parameters that vary; "" of one without a name or beams."""
-    known = study.name in registry.names() or (study.name.startswith(results.MAPS) and study.parameters)
-    if not known or results.structure_in(dataset):
-        return ""
-    fixed = settings(dataset)
+def again(study: Study, dataset: xr.Dataset, file: Path) -> tuple[str, str]:
+    """What computes a point, as a command and in Python, without the parameters that vary; "" without a name."""
+    if not (study.name in registry.names() or (study.name.startswith(results.MAPS) and study.parameters)):
+        return "", ""
+    fixed, rig = settings(dataset), file if results.structure_in(dataset) else None
     changed = {n: v for n, v in fixed.items() if n in study.parameters and v != study.parameters[n].default}
-    return f"{runner.rerun(study.name, changed, {})} --fresh"
+    options = {**changed, "out": "again", "fresh": True} | ({"rig": str(rig)} if rig else {})
+    python = f"studies.run({study.name!r}, {', '.join(f'{name}={value!r}' for name, value in options.items())}"
+    return runner.rerun(study.name, changed, {}, rig), python

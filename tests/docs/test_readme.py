@@ -178,7 +178,7 @@ def test_the_first_time(tmp_path):
     home = first_time.walk(tmp_path)
     assert time.perf_counter() - begin < 600.0
     assert (home / "results" / "map" / "growth_rate-theta-mu.nc").stat().st_size > 10_000
-    assert (home / "results" / "report.html").stat().st_size > 1_000_000
+    assert 1e6 < (home / "results" / "report.html").stat().st_size < 3e6
     # All that the packages have is installed with them.
     (installed,) = home.glob(".venv/lib/python*/site-packages")
     for package in ("fivcore", "sweeps", "studies"):

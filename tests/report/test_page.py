@@ -1,23 +1,32 @@
 """The report page: what it shows, what it refuses, and how it behaves in the system's Chromium."""
 
+import ast
+import gzip
+import http.client
 import json
 import re
 import shlex
 import shutil
+import time
+from base64 import b64decode
 from collections import defaultdict
 from html import unescape
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from studies import registry, runner
-from studies.report import page, section
+from studies.plotting import figures
+from studies.report import page, section, watch
 from studies.request import Request, assignment
 from studies.study import Parameter, Study
-from sweeps import InputError, open_results
+from sweeps import Axis, InputError, open_results
+from tests import HOME
 
 MARKUP = "<b id=injected>loud</b></script>"
 FLAGS = ("headless", "no-sandbox", "disable-gpu", "disable-background-networking", "disable-dev-shm-usage")
@@ -68,8 +77,8 @@ def read(file):
     whole, texts = file.read_text("utf-8"), defaultdict(list)
     for tag, text in re.findall(r"<(/?\w+)[^>]*>([^<]+)", whole):
         texts[tag] += [unescape(text).strip()] if text.strip() else []
-    embedded = re.findall(r'application/json" id="[^"]*?(\w+)-points">(.*?)</script>', whole, re.DOTALL)
-    return whole, texts, {name: json.loads(text) for name, text in embedded}
+    embedded = re.findall(r'text/plain" id="[^"]*?(\w+)-points">(.*?)</script>', whole)
+    return whole, texts, {name: json.loads(gzip.decompress(b64decode(text))) for name, text in embedded}
 
 
 def column(data, result, name):
@@ -86,8 +95,10 @@ def written(folder, tmp_path_factory):
 
 def test_own_results_come_first_and_findings_are_the_references(written):
     _, texts, _, told = written
-    assert texts["a"][:4] == ["fig5", "own", "What the project found", "fig6"]
+    assert texts["a"][:4] == ["fig5", "own", "fig6", "Two maps"]
     assert texts["h2"][-2:] == ["Your results", "The project's results"]
+    assert [text for text in texts["h3"] if text.startswith("What")] == ["What the project found"]
+    assert [text for text in texts["td"] if text.endswith("study")] == ["study", "own study", "study"]
     assert any(re.match(r": Steady sliding flutters from mu = 0\.111\d on", text) for text in texts["/a"])
     assert told.count("1 of 2 studies are the reference's: fig6") == 1
     assert re.fullmatch(r"Newest result: \d{1,2} [A-Z][a-z]{2} \d{4}, \d\d:\d\d UTC", texts["p"][1])
@@ -127,7 +138,7 @@ def test_points_have_the_values_of_the_file(written, folder):
 def test_large_results_are_thinned_and_say_so(rows, others):
     axes = {"x": Parameter(np.arange(rows) + 0.5), "y": Parameter(np.arange(others) + 0.5)}
     study = Study("large", "Large", "", axes, {"z": ("1", "sum")}, lambda x, y: {"z": x + y})
-    found = section.points(study, planned(study).run("sync"))
+    found = section.points(study, planned(study).run("sync"), Path("large.nc"))
     kept, total = np.prod(found["shape"]), rows * others
     assert 0.4 * min(total, section.MOST_ROWS) < kept <= section.MOST_ROWS
     kept_text = f"{total} rows" if kept == total else f"{kept} of {total} rows (one in 2 values of"
@@ -139,12 +150,98 @@ def test_a_map_has_no_sentence_of_the_paper_and_equal_results_give_equal_pages(t
     outputs = {"z": ("1", "")}
     study = Study("map_z", "Sum", "?", axes, outputs, lambda mu, theta: {"z": mu + theta}, paper="Table 6")
     monkeypatch.setitem(registry._registered, "map_z", study)
-    monkeypatch.setattr(runner, "image", lambda *_: {"": b"a figure"})
+    monkeypatch.setattr(section, "images", lambda _: [])
     planned(study, tmp_path / "map_z" / "map_z.nc", mu="0:1:3", theta="0:1:3").run("sync")
     first, second = (read(page.write(("map_z",), tmp_path, tmp_path / name, pytest.fail)) for name in "ab")
     assert first == second
     assert "Sum over μ and θ" in first[1]["h3"]
     assert "Table 6" not in first[0]
+
+
+@pytest.mark.parametrize("direction", [("up", "down"), (1, 2)])
+def test_every_result_with_a_numeric_parameter_and_another_dimension_has_a_map(direction):
+    """Of a study that this process does not know, also over words; parameters go before other dimensions."""
+    outputs, coords = {"z": ("1", "", "direction")}, {"direction": Axis(np.array(direction))}
+    study = Study("swept", "", "", {"x": AXES["mu"]}, outputs, lambda x: {"z": np.outer(x, x[:2])}, coords=coords)
+    dataset = planned(study).run("sync")
+    found = section.points(runner.study_of(dataset), dataset, Path("swept.nc"))
+    assert [found["dims"][dim] for dim in found["plane"]] == ["x", "direction"]
+
+
+def test_a_figure_beside_the_file_is_drawn_again_only_for_other_data(folder, monkeypatch):
+    file = folder / "fig5" / "fig5.nc"
+    result = section.Result(registry.load("fig5"), open_results(file), file, None)
+    monkeypatch.setattr(runner, "image", lambda *_: {"": b"drawn"})
+    assert section.images(result) == [b"drawn"]
+    digest = figures.data_digest(result.dataset)
+    with monkeypatch.context() as patch:
+        patch.setattr(figures, "shows", lambda image, of: (image, of) == (b"stored", digest))
+        file.with_suffix(".png").write_bytes(b"stored")
+        assert section.images(result) == [b"stored"]
+    assert section.images(result) == [b"drawn"]
+    file.with_suffix(".png").unlink()
+
+
+@pytest.fixture
+def watched(tmp_path, monkeypatch):
+    """Watches a result, and calls a step with the page's address at each pause, until there is none left."""
+
+    def watch_by(*steps):
+        planned(OWN, tmp_path / "own" / "own.nc", mu="0:0.5:2").run("sync")
+        told, address, left = [], [], iter(steps)
+
+        def sleep(_):
+            if (step := next(left, None)) is None:
+                raise KeyboardInterrupt
+            step(address[0])
+
+        monkeypatch.setattr(watch, "time", SimpleNamespace(sleep=sleep, monotonic=lambda: 0.0))
+        with pytest.raises(KeyboardInterrupt):
+            watch.watch((), tmp_path, None, told.append, address.append)
+        return told
+
+    return watch_by, lambda _: planned(OWN, tmp_path / "own" / "own.nc", mu="0:0.5:6").run("sync")
+
+
+def test_a_watched_page_is_written_when_its_results_change_and_served_to_this_machine(watched, tmp_path):
+    watch_by, more = watched
+    seen = []
+
+    def look(address):
+        answers = []
+        for host in ("127.0.0.1", "elsewhere.example"):
+            connection = http.client.HTTPConnection(address.split("/")[2])
+            connection.request("GET", "/", headers={"Host": host})
+            answers.append(connection.getresponse())
+        assert [answer.status for answer in answers] == [200, 403]
+        seen.append((answers[0].read(), (tmp_path / "report.html").stat().st_mtime_ns))
+
+    told = watch_by(look, look, more, look)
+    assert seen[0] == seen[1]
+    assert [b"23 done" in whole for whole, _ in seen] == [False, False, True]
+    assert len(told) == len(set(told))
+
+
+@pytest.mark.browser
+def test_a_watched_page_renews_what_changed_and_keeps_the_rest(driver, watched):
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    watch_by, more = watched
+
+    def wait_for(text):
+        WebDriverWait(driver, 20.0, 0.1).until(lambda _: text in driver.find_element("tag name", "main").text)
+
+    def open_page(address):
+        driver.get(address)
+        driver.execute_script("document.querySelector('#rig details').open = true; window.same = true")
+        time.sleep(2.5)  # it has asked for the page's time once, which has a resolution of 1 s
+
+    def renewed(_):
+        wait_for("23 done")
+        assert driver.execute_script("return window.same && document.querySelector('#rig details').open")
+
+    watch_by(open_page, more, renewed)
+    WebDriverWait(driver, 20.0).until(lambda _: "has ended" in driver.find_element("tag name", "header").text)
 
 
 def test_refusals(folder, tmp_path):
@@ -175,10 +272,25 @@ def driver(tmp_path):
         yield driver
 
 
+def check_for_everybody(driver, pixels, colours, rules):
+    """Nothing is wider than the window, and axe-core finds nothing wrong."""
+    size = {"width": pixels, "height": 900, "deviceScaleFactor": 1, "mobile": pixels < 500}
+    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    scheme = {"features": [{"name": "prefers-color-scheme", "value": colours}]}
+    driver.execute_cdp_cmd("Emulation.setEmulatedMedia", scheme)
+    assert driver.execute_script("return document.documentElement.scrollWidth") <= pixels
+    if package := find_spec("axe_playwright_python"):  # it brings axe-core along; its import would need Playwright
+        driver.set_script_timeout(120.0)
+        driver.execute_script(Path(package.origin).with_name("axe.min.js").read_text("utf-8"))
+        check = "axe.run({ rules: arguments[0] }).then(({ violations }) => arguments[1](violations))"
+        found = driver.execute_async_script(check, rules)
+        assert [(each["id"], each["nodes"][0]["html"]) for each in found] == []
+
+
 @pytest.mark.browser
 def test_in_a_browser(driver, folder, tmp_path):
-    from selenium.webdriver import ActionChains
-    from selenium.webdriver.support.ui import WebDriverWait
+    from selenium.webdriver import ActionChains, Keys
+    from selenium.webdriver.support.ui import Select, WebDriverWait
 
     def texts(css):
         script = "return [...document.querySelectorAll(arguments[0])].map((each) => each.textContent)"
@@ -200,6 +312,19 @@ def test_in_a_browser(driver, folder, tmp_path):
     words = shlex.split(texts(f"{own} .cell code")[0])
     values = dict(assignment(after) for word, after in pairwise(words) if word == "--set")
     assert (words[:3], values) == (["fiv", "run", "fig5"], {"p1_length": "0.06", "mu": "0.5", "theta": "12"})
+    python = texts(f"{own} .cell code")[1].partition("\n")[2]
+    call = ast.parse(python, mode="eval").body
+    given = {each.arg: ast.literal_eval(each.value) for each in call.keywords}
+    assert (ast.unparse(call.func), ast.literal_eval(call.args[0])) == ("studies.run", "fig5")
+    assert given == {"out": "again", "fresh": True} | {k: float(v) for k, v in values.items()}
+    # Two maps side by side have one scale, and a click in one chooses the point of both.
+    sides = driver.find_elements("css selector", "#compare select")
+    for select, name in zip(sides, ("fig5", "reference: fig6"), strict=True):
+        Select(select).select_by_visible_text(name)
+    wait(lambda: len(texts(".pair .legend")) == 2)
+    assert len(set(texts(".pair .legend"))) == 1
+    driver.find_element("css selector", ".pair input[aria-label=μ]").send_keys(Keys.END)
+    assert texts(".pair .map:last-child output")[0] == " μ: 0.5"
     again = planned(registry.load("fig5"), **values).run("sync").sel(mode=int(cell["mode"])).squeeze()
     assert float(cell["growth_rate 1/s"]) == pytest.approx(float(again["growth_rate"]), rel=1e-5)
     # A table sorts, searches and is saved.
@@ -222,9 +347,8 @@ def test_in_a_browser(driver, folder, tmp_path):
     assert saved["loudness mm/s"].isna().all()
     assert len(saved) == cells.count("–")
     for pixels in (1200, 375):
-        size = {"width": pixels, "height": 900, "deviceScaleFactor": 1, "mobile": pixels < 500}
-        driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-        assert driver.execute_script("return document.documentElement.scrollWidth") <= pixels
+        for colours in ("light", "dark"):
+            check_for_everybody(driver, pixels, colours, {})
     assert not driver.find_elements("css selector", "#injected")
     assert driver.get_log("browser") == []
     events = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]
@@ -232,3 +356,11 @@ def test_in_a_browser(driver, folder, tmp_path):
         event["params"]["request"]["url"] for event in events if event["method"] == "Network.requestWillBeSent"
     ]
     assert {url for url in asked if url.startswith(("http", "file"))} == {file.as_uri()}
+
+
+@pytest.mark.browser
+def test_the_page_of_the_reference_is_small_and_for_everybody(driver, tmp_path):
+    file = page.write((), HOME / "results" / "reference", tmp_path / "report.html", lambda line: None)
+    assert file.stat().st_size < 3e6
+    driver.get(file.as_uri())
+    check_for_everybody(driver, 375, "light", {"color-contrast": {"enabled": False}})  # which takes minutes here
