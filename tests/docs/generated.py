@@ -66,7 +66,7 @@ def falling(data: xr.Dataset) -> str:
 
 def both_stable(data: xr.Dataset) -> str:
     """The interval in which sliding and vibration are both stable."""
-    ends = " to ".join(f"{value:.3f} ± {error:.3f}" for value, error in hysteresis.interval(data))
+    ends = " to ".join(f"{value:.3f} ± {error:.3f}" for value, error, _ in hysteresis.interval(data))
     count, loops = int(data["bistable_low"].notnull().sum()), data["bistable_low"].size
     return BISTABLE.format(ends, f"all {loops}" if count == loops else f"{count} of {loops}")
 
@@ -100,9 +100,9 @@ QUESTIONS = (
     Question("6. Which share of all starts vibrates there?", "fiv run basins", "TODO-NUMBERS"),
     Question(
         "6. How strong a knock starts the vibration?",
-        "fiv map --x mu=0.09:0.11:11 --quantity knock_threshold",
+        "fiv map --x mu=0.088:0.11:23 --quantity knock_threshold --fix V=2mm/s",
         "TODO-NUMBERS",
-        figure="`results/map/`",
+        figure="[figure](results/reference/front.png)",
     ),
 )
 
