@@ -75,6 +75,7 @@ def compared(study: Study, dataset: xr.Dataset, reference: xr.Dataset) -> str:
         and name in dataset
         and name != "wall_time"
         and paired.issuperset(variable.dims)
+        and dataset[name].dims == variable.dims
         and (not study.chaotic or tolerance(str(name)))
     ]
     both = xr.align(dataset[names], reference[names], join="inner")

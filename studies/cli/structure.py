@@ -33,6 +33,30 @@ def structure(file: str, out: str | None, fmax: float, mu: float) -> None:
     fiv run scenes --rig pin.toml
 
     The figure, FILE.png in the folder `structure` of the results, has the growth rate over friction too.
+
+    FILE.toml is in SI. It names files of `mass` and `stiffness` or has modes; `normal` and `tangential` say what
+    opens the gap and what moves the surface along the drive (turn the sign of `tangential` for the other sense),
+    `load` what F multiplies. Optional: `output` (what is observed as B; otherwise the tangential gap), `drive`
+    (mass times the motion of all for a unit motion of the base, which then moves in place of the surface),
+    `damping` (a file), `damping_ratio`, `d1`, `d2`, `fmax`. Rows are named "node N, DIRECTION" by `nodes` or
+    `dofs_per_node`, or by their number from 0.
+
+    From Nastran, with pyNastran; the punch file (EXTRN) lists node and direction of the rows, for rows.txt:
+
+    \b
+    M, K = (csr_array(read_op4("model.op4")[name].data) for name in ("MAA", "KAA"))
+    kept = M.diagonal() > 0
+    mmwrite("M.mtx", M[kept][:, kept])
+    mmwrite("K.mtx", K[kept][:, kept])
+
+    From Ansys Mechanical APDL, with ansys-mapdl-reader, which gives the upper triangles:
+
+    \b
+    rows, K, M = reader.read_binary("model.full").load_km(sort=False)
+    free = K.diagonal() > 0
+    for name, upper in (("K.mtx", K), ("M.mtx", M)):
+        mmwrite(name, (upper + triu(upper, 1).T)[free][:, free])
+    np.savetxt("rows.txt", rows[free] + [0, 1], "%d")
     """  # noqa: D301 - the backspace tells click to keep the lines
     from fivcore import Structure, checks, flutter_onsets
     from studies.plotting import figures, receptances

@@ -1,8 +1,8 @@
 """Measured tables: `python -m tests.benchmarks [PART | PART.TABLE ...]` measures them, all by default.
 
 Each goes into results/benchmarks.json with machine, commit and date, as soon as it is there; the others stay.
-`python -m tests.benchmarks --tables` writes what that file holds into the READMEs. Two cores that do nothing else
-are needed; each table is measured in a process of its own.
+`python -m tests.benchmarks --show [PART | PART.TABLE ...]` prints what that file holds; `--tables` writes the
+tables of the READMEs. Two cores that do nothing else are needed; each table is measured in a process of its own.
 """
 
 from __future__ import annotations
@@ -46,10 +46,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="PART", help=", ".join(PARTS))
     parser.add_argument("--tables", action="store_true", help="write the READMEs' tables, measure nothing")
+    parser.add_argument("--show", action="store_true", help="print measured tables, measure nothing")
     parser.add_argument("--print", action="store_true", help="print one table as JSON, keep nothing")
     given = parser.parse_args()
     if given.tables:
         tables.write()
+    elif given.show:
+        known = tables.load()
+        for name in chosen(given.names):
+            print(f"{name}\n{tables.markdown(name, known)}" if name in known else f"{name}\nnot measured yet\n")
     elif given.print:
         print(json.dumps(measure(given.names[0])._asdict()))
     else:

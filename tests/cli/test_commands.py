@@ -42,6 +42,10 @@ def test_run_prints_numbers_beside_the_papers_and_the_references(here, tmp_path)
     assert "\x1b" not in done.stdout + done.stderr
     done = here("run", "fig5", "--out", "results/reference", "-q")
     assert (done.returncode, "runs only read the reference" in done.stderr) == (2, True)
+    # Draws have no partners in the reference's grid.
+    point = ("--set", "V=2e-3", "--set", "theta=5", "--set", "F=9", "--samples", "2")
+    done = here("run", "scenes", "--scatter", "mu=normal:0.2:0.02", *point)
+    assert (done.returncode, "beside the reference" in done.stderr) == (0, False)
 
 
 def test_bare_fiv_is_help_and_every_command_has_it(here):

@@ -1,53 +1,143 @@
 """Tables of the READMEs that the project computes: `python -m tests.docs.generated` writes them.
 
-A table stands between `<!-- benchmarks: PART.TABLE -->`, `<!-- claims -->` or `<!-- accuracy -->` and
+A table stands between `<!-- benchmarks: PART.TABLE -->`, `<!-- questions -->` or `<!-- claims: STUDY, ... -->` and
 `<!-- end -->`.
 """
 
 import re
+from collections.abc import Callable
+from typing import NamedTuple
 
 import pandas as pd
 import xarray as xr
 
 from studies import claims, registry
-from studies.accuracy import presentation
+from studies.cli.output import about
+from studies.gallery import hysteresis, stribeck
 from tests import HOME
 from tests.benchmarks import tables
 from tests.docs import readmes
 
-COMPUTED = re.compile(r"(<!-- (claims|accuracy) -->\n).*?(<!-- end -->)", re.DOTALL)
+COMPUTED = re.compile(r"(<!-- (questions|claims)(?:: ([\w, ]+))? -->\n).*?(<!-- end -->)", re.DOTALL)
+REFERENCE = HOME / "results" / "reference"
 
 
-def claims_table() -> str:
-    """Every claim of the paper beside the reference, as Markdown."""
+class Question(NamedTuple):
+    """A question of a user, the command that answers it, and the answer: a text, or from a study's reference.
+
+    `until` stands for the answer as long as a study has no reference, `time` and `figure` for what the catalogue
+    and the reference do not have.
+    """
+
+    text: str
+    command: str
+    answer: str | Callable[[xr.Dataset], str]
+    until: str = "TODO-NUMBERS"
+    time: str = "TODO-NUMBERS"
+    figure: str = ""
+
+    @property
+    def study(self) -> str:
+        """The study that the command runs, if it is a run."""
+        return self.command.split()[2] if self.command.startswith("fiv run") else ""
+
+
+def onset(data: xr.Dataset) -> str:
+    """The lowest onset of flutter."""
+    return f"mu = {float(data['onset_mu'][0]):.4g}, at {float(data['onset_frequency'][0]):.4g} Hz"
+
+
+def tolerances(data: xr.Dataset) -> str:
+    """Where nine in ten rigs begin to flutter."""
+    low, high = data["onset_mu"].sel(theta=5.0).quantile([0.05, 0.95]).values
+    return f"nine in ten such rigs flutter first between mu = {low:.4f} and {high:.4f}"
+
+
+def falling(data: xr.Dataset) -> str:
+    """Up to which speed the fall of friction has most of the growth rate."""
+    speeds = data["V"].where(stribeck.mostly_falling(data)).max("V")
+    low, high = (1e3 * float(speeds.sel(kinetic_ratio=ratio)) for ratio in (0.9, 0.5))
+    decay = 1e3 * float(data["decay_speed"])
+    return (
+        f"with decay_speed {decay:.3g} mm/s the fall has most of the growth rate up to {low:.3g} mm/s if friction"
+        f" falls to 0.9 of mu, up to {high:.3g} mm/s if to 0.5"
+    )
+
+
+def both_stable(data: xr.Dataset) -> str:
+    """The interval in which sliding and vibration are both stable."""
+    ends = " to ".join(f"{value:.3f} ± {error:.3f}" for value, error, _ in hysteresis.interval(data))
+    count, loops = int(data["bistable_low"].notnull().sum()), data["bistable_low"].size
+    return BISTABLE.format(ends, f"all {loops}" if count == loops else f"{count} of {loops}")
+
+
+BISTABLE = "sliding and vibration are both stable from mu = {}, in {} loops"
+QUESTIONS = (
+    Question("1. Where does my rig begin to squeal?", "fiv run fig5 --set p1_length=50mm", onset),
+    Question(
+        "2. Which load is the loudest, with error bars?",
+        "fiv map --x F=2:30:8 --quantity velocity_rms --fix V=2mm/s --fix mu=0.2 --fix members=4",
+        "18 to 22 N: velocity of B 9.5 ± 0.2 mm/s RMS",
+        time="about 13 s",
+        figure="`results/map/`",
+    ),
+    Question("3. What if my numbers are uncertain?", "fiv run robust", tolerances),
+    Question(
+        "4. What do my own matrices or modes do?",
+        "fiv structure pin.toml",
+        "[own structures](studies/README.md#own-structures): modes, preload, damping, onsets",
+        time="about 1 s",
+        figure="`results/structure/`",
+    ),
+    Question("5. What if friction falls with the speed?", "fiv run stribeck", falling),
+    Question(
+        "6. Where are sliding and vibration both stable (hysteresis)?",
+        "fiv run hysteresis",
+        both_stable,
+        until=BISTABLE.format("0.089 ± 0.001 to 0.109 ± 0.001", "all 3"),
+        time="about 15 s",
+    ),
+    Question("6. Which share of all starts vibrates there?", "fiv run basins", "TODO-NUMBERS"),
+    Question(
+        "6. How strong a knock starts the vibration?",
+        "fiv map --x mu=0.088:0.11:23 --quantity knock_threshold --fix V=2mm/s",
+        "TODO-NUMBERS",
+        figure="[figure](results/reference/front.png)",
+    ),
+)
+
+
+def questions_table(_: str) -> str:
+    """What a user asks, with the command, its time, its answer and its figure, as Markdown."""
+    rows = []
+    for each in QUESTIONS:
+        path, known = f"{each.study}/{each.study}", registry.catalogue().get(each.study)
+        answer, time, figure = each.answer, each.time, each.figure or f"`results/{path}.png`"
+        if (REFERENCE / f"{path}.nc").exists():
+            figure = f"[figure](results/reference/{path}.png)"
+        if callable(answer):
+            answer = each.until
+            if (REFERENCE / f"{path}.nc").exists():
+                with xr.open_dataset(REFERENCE / f"{path}.nc") as data:
+                    answer = each.answer(data)
+        rows.append([each.text, f"`{each.command}`", about(known["seconds"]) if known else time, answer, figure])
+    return tables.lines(["question", "command", "time", "answer", "figure"], rows)
+
+
+def claims_table(names: str) -> str:
+    """Claims of the paper beside the reference, of some studies, as Markdown."""
     parts = []
-    for name in registry.NAMES:
-        with xr.open_dataset(HOME / "results" / "reference" / name / f"{name}.nc") as data:
+    for name in names.split(", "):
+        with xr.open_dataset(REFERENCE / name / f"{name}.nc") as data:
             parts.append(claims.beside(data, registry.load(name).claims).assign(study=f"`{name}`"))
     table = pd.concat([part for part in parts if len(part)])
-    heads = list(table.columns)
-    return tables.lines(heads, table.astype(str).values.tolist())
-
-
-def accuracy_table() -> str:
-    """Cost and errors of every method and setting in the reference, as Markdown."""
-    with xr.open_dataset(HOME / "results" / "reference" / "accuracy" / "accuracy.nc") as data:
-        table = presentation.table(data)
-    frame = table[["method", "setting", "cost", "time", "speed_up"]].copy()
-    for group in presentation.GROUPS:
-        frame[f"{group}: error"] = table[f"mismatch {group}"]
-        frame[f"{group}: right at"] = [
-            f"{r}/{c}" for r, c in table[[f"right {group}", f"compared {group}"]].values
-        ]
-    heads = {"cost": "CPU s per s", "time": "CPU s to a standard error of 0.005", "speed_up": "speed-up"}
-    cells = frame.rename(columns=heads).map(lambda cell: f"{cell:.3g}" if isinstance(cell, float) else cell)
-    return tables.lines(list(cells.columns), cells.replace({"nan": "-", "0/0": "-"}).astype(str).values.tolist())
+    return tables.lines(list(table.columns), table.astype(str).values.tolist())
 
 
 def rendered(text: str) -> str:
     """A README with the tables of today."""
-    made = {"claims": claims_table, "accuracy": accuracy_table}
-    text = COMPUTED.sub(lambda found: found[1] + made[found[2]]() + found[3], text)
+    made = {"claims": claims_table, "questions": questions_table}
+    text = COMPUTED.sub(lambda found: found[1] + made[found[2]](found[3]) + found[4], text)
     return tables.rendered(text, tables.load())
 
 

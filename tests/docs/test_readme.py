@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import os
-import re
 import shlex
 import shutil
 import stat
@@ -15,21 +14,30 @@ from pathlib import Path
 
 import pytest
 
+import studies
 from studies import registry
 from tests import HOME
-from tests.docs import first_time, readmes
+from tests.docs import first_time, generated, readmes
 
 # The API, a study of one's own, sweeps of functions of numbers and of arrays, a run under SLURM.
-API, STUDY = readmes.blocks("python", "README.md")
+(API,) = readmes.blocks("python", "README.md")
+(STUDY,) = readmes.blocks("python", "studies/README.md")
 *SWEEPS, SLURM = readmes.blocks("python", "sweeps/README.md")
 # How to compute the first figure, to test, to come from nothing, and what one does with a study of one's own; the
 # rest are examples, run in their order.
 FIRST, TEST, WAY, *EXAMPLES, OWN = (block.rstrip("\n") for block in readmes.blocks("sh"))
 COMMANDS = [line.partition("  #")[0].rstrip() for block in EXAMPLES for line in block.splitlines()]
+ANSWERS = [each.command for each in generated.QUESTIONS if each.answer != "TODO-NUMBERS"]
 # A structure of one's own, by its modes.
 PIN = next(block for block in readmes.blocks("toml", "studies/README.md") if block.startswith("# pin.toml"))
 # What reads, and needs no more than the results that are kept here.
 READING = [line for line in COMMANDS if line.split()[1] in ("plan", "query", "plot") or line == "fiv list fig5"]
+# What makes a script of the study of one's own.
+MAIN = """
+import studies
+if __name__ == "__main__":
+    print(studies.run(STUDY{}).fiv.summary())
+"""
 # A queue's commands: a job is a process here.
 SBATCH = """#!/bin/sh
 nohup bash "$1" > "$1.out" 2>&1 &
@@ -90,7 +98,7 @@ def fiv(forgetful, here):
 def test_a_study_of_ones_own_in_every_command(tmp_path, fiv):
     """Each line as it is printed, in the order of its README; all are one computation."""
     (tmp_path / "head_mass.py").write_text(STUDY)
-    listed, planned, report, state, rows, drawn, page = map(fiv, OWN.split("\n")[:-1])
+    listed, planned, report, state, rows, drawn, page = map(fiv, OWN.split("\n"))
     assert "Does a heavier head calm the rig?" in listed
     assert "V 3 x head_mass 3" in planned
     assert "The rig vibrates least with" in report
@@ -109,17 +117,19 @@ def test_a_study_of_ones_own_in_every_command(tmp_path, fiv):
 def test_a_study_of_ones_own_as_a_script(tmp_path, fiv):
     """It finds what the command has computed, and the command what it has, with other values."""
     script, result = tmp_path / "head_mass.py", tmp_path / "results" / "head_mass" / "head_mass.nc"
-    script.write_text(STUDY)
-    assert OWN.endswith("\npython head_mass.py")
+    script.write_text(STUDY + MAIN.format(""))
     fiv("fiv run head_mass.py")
     computed = result.read_bytes()
     assert "The rig vibrates least with" in run(sys.executable, script.name)
     assert result.read_bytes() == computed
-    # A comment of the script says how to give other values.
-    remark = re.search(r"# (studies\.run\(STUDY, .*\)) for another", STUDY)
-    script.write_text(STUDY.replace("studies.run(STUDY)", remark[1]))
+    script.write_text(STUDY + MAIN.format(", duration=1.0, out='longer'"))
     assert "at duration = 1 s" in run(sys.executable, script.name).lower()
     assert "to do           0" in fiv("fiv plan head_mass.py --set duration=1.0 --out longer")
+
+
+def test_a_study_takes_twenty_lines_and_a_sweep_ten():
+    for text, most in ((STUDY, 20), (SWEEPS[0], 10)):
+        assert len([line for line in text.splitlines() if line]) <= most
 
 
 @pytest.mark.parametrize(
@@ -160,6 +170,24 @@ def test_what_reads(here):
         done = here(*arguments)
         assert done.returncode == 0, done.stderr
         assert len(done.stdout.splitlines()) >= (1 if arguments[0] == "plot" else 3), line
+
+
+@pytest.mark.usefixtures("clone")
+@pytest.mark.parametrize("line", [line for line in ANSWERS if not line.startswith("fiv map")])
+def test_a_command_that_answers_a_question(here, line):
+    """Runs are planned alone: tests of the gallery compute them, and the answers are those of the reference."""
+    done = here(*shlex.split(line.replace("fiv run", "fiv plan"))[1:])
+    assert done.returncode == 0, done.stderr
+    assert ("points" in done.stdout) == line.startswith("fiv run")
+
+
+@pytest.mark.slow
+def test_the_loudest_load(here):
+    (line,) = (line for line in ANSWERS if line.startswith("fiv map"))
+    assert here(*shlex.split(line)[1:], "-q").returncode == 0
+    speed = 1e3 * studies.open("motion-F-members4")["velocity_rms"].squeeze()
+    assert speed.sel(F=[18.0, 22.0]).values == pytest.approx(9.5, abs=0.2)
+    assert float(speed.drop_sel(F=[18.0, 22.0]).max()) < 9.3
 
 
 @pytest.mark.slow
