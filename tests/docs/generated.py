@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable
 from typing import NamedTuple
 
+import numpy as np
 import pandas as pd
 import xarray as xr
 
@@ -25,16 +26,16 @@ REFERENCE = HOME / "results" / "reference"
 class Question(NamedTuple):
     """A question of a user, the command that answers it, and the answer: a text, or from a study's reference.
 
-    `until` stands for the answer as long as a study has no reference, `time` and `figure` for what the catalogue
-    and the reference do not have.
+    `reference` is the study whose reference answers, if the command runs none; `time` and `figure` are what the
+    catalogue does not have.
     """
 
     text: str
     command: str
     answer: str | Callable[[xr.Dataset], str]
-    until: str = "TODO-NUMBERS"
-    time: str = "TODO-NUMBERS"
+    time: str = ""
     figure: str = ""
+    reference: str = ""
 
     @property
     def study(self) -> str:
@@ -68,10 +69,24 @@ def both_stable(data: xr.Dataset) -> str:
     """The interval in which sliding and vibration are both stable."""
     ends = " to ".join(f"{value:.3f} ± {error:.3f}" for value, error, _ in hysteresis.interval(data))
     count, loops = int(data["bistable_low"].notnull().sum()), data["bistable_low"].size
-    return BISTABLE.format(ends, f"all {loops}" if count == loops else f"{count} of {loops}")
+    found = f"all {loops}" if count == loops else f"{count} of {loops}"
+    return f"sliding and vibration are both stable from mu = {ends}, in {found} loops"
 
 
-BISTABLE = "sliding and vibration are both stable from mu = {}, in {} loops"
+def vibrating(data: xr.Dataset) -> str:
+    """The share of random knocks that start vibration, far below and just below the onset."""
+    shares = (data["vibration_share"].squeeze().sel(mu=mu, method="nearest") for mu in (0.095, 0.101, 0.109))
+    found = [f"{100.0 * float(share):.0f} % at mu = {float(share['mu']):.3f}" for share in shares]
+    largest = 1e3 * float(np.nanmax(np.abs(data["start_knock"])))
+    return f"of knocks up to {largest:.1f} mN s: {', '.join(found)}"
+
+
+def least_knock(data: xr.Dataset) -> str:
+    """The smallest knock that starts vibration, far below and just below the onset."""
+    least = (data["knock_threshold"].squeeze().sel(mu=mu, method="nearest") for mu in (0.093, 0.101, 0.109))
+    return ", ".join(f"{1e3 * float(each):.2g} mN s at mu = {float(each['mu']):.3f}" for each in least)
+
+
 QUESTIONS = (
     Question("1. Where does my rig begin to squeal?", "fiv run fig5 --set p1_length=50mm", onset),
     Question(
@@ -94,15 +109,15 @@ QUESTIONS = (
         "6. Where are sliding and vibration both stable (hysteresis)?",
         "fiv run hysteresis",
         both_stable,
-        until=BISTABLE.format("0.089 ± 0.001 to 0.109 ± 0.001", "all 3"),
-        time="about 15 s",
     ),
-    Question("6. Which share of all starts vibrates there?", "fiv run basins", "TODO-NUMBERS"),
+    Question("6. Which share of all starts vibrates there?", "fiv run basins", vibrating),
     Question(
         "6. How strong a knock starts the vibration?",
         "fiv map --x mu=0.088:0.11:23 --quantity knock_threshold --fix V=2mm/s",
-        "TODO-NUMBERS",
+        least_knock,
+        time="about 35 s",
         figure="[figure](results/reference/front.png)",
+        reference="basins",
     ),
 )
 
@@ -111,16 +126,14 @@ def questions_table(_: str) -> str:
     """What a user asks, with the command, its time, its answer and its figure, as Markdown."""
     rows = []
     for each in QUESTIONS:
-        path, known = f"{each.study}/{each.study}", registry.catalogue().get(each.study)
-        answer, time, figure = each.answer, each.time, each.figure or f"`results/{path}.png`"
-        if (REFERENCE / f"{path}.nc").exists():
-            figure = f"[figure](results/reference/{path}.png)"
+        name = each.reference or each.study
+        known = registry.catalogue().get(each.study)
+        answer, figure = each.answer, each.figure or f"[figure](results/reference/{name}/{name}.png)"
         if callable(answer):
-            answer = each.until
-            if (REFERENCE / f"{path}.nc").exists():
-                with xr.open_dataset(REFERENCE / f"{path}.nc") as data:
-                    answer = each.answer(data)
-        rows.append([each.text, f"`{each.command}`", about(known["seconds"]) if known else time, answer, figure])
+            with xr.open_dataset(REFERENCE / name / f"{name}.nc") as data:
+                answer = answer(data)
+        time = about(known["seconds"]) if known else each.time
+        rows.append([each.text, f"`{each.command}`", time, answer, figure])
     return tables.lines(["question", "command", "time", "answer", "figure"], rows)
 
 
