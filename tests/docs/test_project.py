@@ -121,12 +121,12 @@ def test_studies_are_loaded_without_matplotlib():
 @pytest.mark.parametrize(
     ("folder", "suffixes", "lines"),
     [
-        ("fivcore", (".py",), 9650),
+        ("fivcore", (".py",), 9990),
         ("sweeps", (".py",), 4510),
-        ("studies", (".py",), 11_170),
-        ("studies", (".js", ".css", ".j2"), 500),
+        ("studies", (".py",), 12_240),
+        ("studies", (".js", ".css", ".j2"), 510),
         ("tests/sweeps", (".py",), 2950),
-        ("tests", (".py",), 16_750),
+        ("tests", (".py",), 17_710),
     ],
 )
 def test_code_stays_within_its_bounds(folder, suffixes, lines):
