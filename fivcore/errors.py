@@ -34,11 +34,11 @@ class DivergenceError(SceneError):
 
 
 class FixedContactWarning(UserWarning):
-    """P2 moves by more of its length than a model with a fixed contact point is right for."""
+    """P2 moves further than a model with a fixed contact point can represent."""
 
 
 class OutOfBandWarning(UserWarning):
-    """Sliding is unstable, but not in the band in which onsets of flutter are looked for by default."""
+    """Sliding is unstable by a mode above the band in which onsets of flutter are searched by default."""
 
 
 # That band, Hz.

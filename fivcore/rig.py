@@ -170,20 +170,20 @@ class Rig(Structural):
 
         There Euler-Bernoulli theory carries the bending waves of P1 or P2, 7.9 thicknesses long, 10 % faster than
         Timoshenko's (K. F. Graff, Wave Motion in Elastic Solids, 1975; shear coefficient 5/6, Poisson ratio 0.3).
-        Modes above it take part in the contact, but a motion that grows there may be none of the rig's.
+        Modes above it take part in the contact, but growth at such a frequency may be an error of the model.
         """
         speeds = [(beam, (beam.young_modulus / beam.density) ** 0.5) for beam in (self.p1, self.p2)]
         return min(VALID * speed / beam.thickness for beam, speed in speeds)
 
     @classmethod
     def of(cls, **numbers: Any) -> Rig:
-        """The paper's rig but for some parameters.
+        """Return the paper's rig with some parameters changed.
 
         Parameters
         ----------
         **numbers : float, Beam or mapping
-            By the names of the fields, for a beam's own p1_length, p2_thickness, ...; or p1 and p2 as a `Beam`, or
-            as some of its fields by name.
+            Names of fields, with p1_ or p2_ before those of a beam (p1_length); or p1 and p2, each a `Beam` or a
+            mapping of some of its fields.
 
         Returns
         -------

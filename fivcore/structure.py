@@ -385,7 +385,7 @@ def _modal(
 
 
 def _held(stiffness: Array, normal: Array, load: Array, vectors: Array | None) -> None:
-    """Raise unless the closed contact holds all rigid motions, at most one of which can move the normal gap."""
+    """Raise unless the closed contact prevents every rigid motion; at most one of them may move the normal gap."""
     rigid = np.flatnonzero(stiffness == 0.0)
     if not len(rigid):
         return

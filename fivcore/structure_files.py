@@ -32,7 +32,7 @@ def read_matrix(path: str | Path, key: str | None = None) -> tuple[sparse.csr_ar
 
     Formats: `.mat` (MATLAB up to v7) and `.npz`, with the `key` of one matrix of several; Matrix Market,
     Harwell-Boeing (RUA, RSA), and Abaqus' COORDINATE and MATRIX INPUT, which alone has labels. One triangle of a
-    symmetric matrix is enough, but in `.mat`, `.npz` and RUA. An `InputError` says what is wrong with a file.
+    symmetric matrix is enough, except in `.mat`, `.npz` and RUA. An `InputError` says what is wrong with a file.
     """
     with _reading(path):
         file, labels = Path(path), None
@@ -56,7 +56,7 @@ def read_matrix(path: str | Path, key: str | None = None) -> tuple[sparse.csr_ar
 def read_modes(path: str | Path, rows: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Read mass-normalised modes: by name, an array with a value for each mode.
 
-    A CSV file has a line for each mode, and columns frequency [Hz], normal, tangential, and where wanted load,
+    A CSV file has a line for each mode, and columns frequency [Hz], normal, tangential, and optionally load,
     output, drive, damping_ratio. For a universal file (`.uff`, `.unv`; data set 55) `rows` says what these are, as
     in {"normal": "node 12, x"}; its shapes are divided by the root of the modal mass where the file has one.
     """

@@ -7,10 +7,10 @@ the slip rate g_T' + u_T'. Every contact status is linear:
 - stick: u_N = -g_N and g_T + u_T is constant, while N > 0 and |T| <= mu N;
 - slip: u_N = -g_N and T = s mu N with s = -sign of the slip rate; u_T follows its own first-order equation.
 
-At touch-down u is continuous and N jumps by C_NN times the closing speed. T -+ mu N increases with u_T' wherever
-C_TT > mu |C_TN| (K without damping): exactly one of stick, slip forwards and slip backwards exists. From the
-Painleve limit on, where that or the divisor that gives N in a step of `fast` is zero, the contact force is not
-unique. In rigid contact the restitution is 0.
+At touch-down u is continuous and N jumps by C_NN times the closing speed. If C_TT > mu |C_TN| (K in place of C
+without damping), T - mu N and T + mu N increase with u_T', and exactly one of stick, slip forwards and slip
+backwards is possible. The Painleve limit is the least mu at which this condition fails, or at which the divisor
+that gives N in a step of `fast` is zero; above it the force is not unique. In rigid contact the restitution is 0.
 """
 
 from __future__ import annotations

@@ -124,7 +124,7 @@ class ReducedModel(ReadOnlyArrays):
         return np.asarray(rates.T @ self.C @ rates)
 
     def painleve_mu(self, step: float | None) -> float:
-        """Painleve limit of friction: no unique contact force from there on; in steps of `fast`, or by the law."""
+        """Mu above which the contact force is not unique, in steps of `fast` or, without a step, by the law."""
         return _painleve_mu(self, step or 0.0)
 
     def steepest_fall(self, step: float, mu: float) -> float:

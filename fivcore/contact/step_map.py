@@ -89,7 +89,7 @@ def stable(model: ReducedModel, mu: float, step: float) -> bool:
 
 
 def largest_stable_step(model: ReducedModel, mu: float, step: float) -> float:
-    """Largest stable step between the default one, s, and `step`, which is not; by bisection."""
+    """Largest stable step between the default one, s, and the unstable `step`, by bisection."""
     low, high = min(model.default_step, step), step
     for _ in range(20):
         middle = 0.5 * (low + high)

@@ -180,10 +180,10 @@ def assembled_modes(
 ) -> AssembledModes:
     """All modes of (lam^2 M + lam C + K + mu Kf) x = 0 with 0 <= Im(lam) <= w, |Re(lam)| <= w / 2, w = 2 pi fmax.
 
-    Real eigenvalues, of overdamped or diverging motion, have frequency 0. Up to DENSE degrees of freedom no mode
-    is missing; above, none at the smallest, the largest and a middle mu, nor wherever else the full problem is
-    solved, as far as the Arnoldi method finds all eigenvalues in a disc. At any other mu, a mode is missing only
-    if it comes from outside and the basis does not show it there, within 1.1 times the region.
+    Real eigenvalues, of overdamped or diverging motion, have frequency 0. With up to DENSE degrees of freedom no
+    mode is missing. Larger models are solved in full at the smallest, the largest and a middle mu, and where a
+    mode fails its test; there no mode is missing if the Arnoldi method finds all eigenvalues in a disc. At other
+    mu, a mode is missing if it enters the region and the basis does not have it within 1.1 times the region.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ FAINT = 1e-12
 
 
 def damped_by_mode(own: Structural, fmax: float) -> bool:
-    """Whether it is a structure with damping by mode that is felt in the band."""
+    """Whether it is a structure whose damping by mode changes exponents in the band."""
     return isinstance(own, Structure) and own.rayleigh is None and own.damping.max() > FAINT * 2.0 * np.pi * fmax
 
 
@@ -69,7 +69,7 @@ def far_series(p: Array, c: Array, residues: Array) -> Array:
 
 
 def frictionless(p: Array, c: Array, a: Array, tail: Array) -> Complex:
-    """Guesses: exponents without friction, a little aside, and two for what comes from beyond the poles."""
+    """Guesses of exponents: those without friction, slightly moved, and two for those from beyond the poles."""
     between, local = ((a[:-1] * x[1:] + a[1:] * x[:-1]) / (a[:-1] + a[1:]) for x in (p, c))
     if np.any(tail):
         # The root above the last mode, and one more.

@@ -140,7 +140,7 @@ def damped_crossings(own: Structure, fmax: float, mu_max: float) -> Array:
         ends.append(-(a / b).real if b else np.inf)
     for share in STEPS:
         samples = sample(*system, poles, share)
-        # Such an exponent grows from 0 on where Im(mu) > 0 on the path beside it, and leaves at 2 where it is.
+        # With mu, a real exponent enters at 0, and leaves at 2, where Im(mu) > 0 on the path beside that end.
         changes = (ends[0], ARC + 2.0, np.sign(samples[0, 1])), (ends[1], ARC, -np.sign(samples[-1, 1]))
         found = [each for each in changes if 0.0 < each[0] <= mu_max]
         for low, high, n in brackets(samples, system):

@@ -154,7 +154,7 @@ def crossings(
     problem, f, (kappa, v_d, rational) = falling_problem(own, fmax), balance(own), friction.law
     mu, V, F = (values[each] for each in ("mu", "V", "F"))
     if name == "mu":
-        # Without damping all motions grow from 0 on, to rounding.
+        # Without damping every motion grows, to rounding, at any mu above 0.
         r, s, low = friction.ratio(V), -friction.slope(V), max(low, 1e-11 * high)
         high = min(high, (1.0 - 1e-6) / (-f * r)) if f * r < 0.0 else high
         m0, m1, q, power = 0.0, r, F * s, 1.0
@@ -248,7 +248,7 @@ def sliding_onsets(scene: Scene, parameter: str, low: float, high: float, fmax: 
     Parameters
     ----------
     scene : Scene
-        Its value of the parameter is not used, but for the sign of V.
+        The scene; its own value of the parameter is ignored, except for the sign of V.
     parameter : {"mu", "V", "F"}
     low, high : float
         Limits of the parameter, 0 <= low < high; speed and load are above 0.

@@ -87,7 +87,7 @@ class UnstableWindows(ReadOnlyArrays):
     theta_from, theta_to, frequency_from, frequency_to : ndarray, (n,)
         Ends, degrees; the growing mode's frequency there, Hz: fmax where it leaves the band, 0 where it diverges.
     open_from, open_to : ndarray of bool, (n,)
-        Whether the window goes on beyond what was asked.
+        Whether the window continues beyond the range of theta that was searched.
     peak_growth_rate, peak_theta, peak_frequency : ndarray, (n,)
         Where the mode grows fastest: 1/s, degrees, Hz.
     """
@@ -173,8 +173,8 @@ def unstable_windows(
     Returns
     -------
     UnstableWindows
-        Ends to 1e-11 degrees. A window narrower than 0.2 degrees can be missed if its branch of onsets is above
-        four times `mu` at both samples beside it, one narrower than 0.5 degrees if it has no such branch.
+        Ends to 1e-11 degrees. The search can miss a window narrower than 0.2 degrees if its onset exceeds four
+        times `mu` at the samples on both sides, and one narrower than 0.5 degrees if it has no onset curve.
 
     Raises
     ------

@@ -54,7 +54,7 @@ _PAPERS = Rig()
 class FlutterOnsets(ReadOnlyArrays):
     """Where growth rates pass through zero as mu rises, ascending in mu; arrays are read-only.
 
-    A divergence has none of them: whether sliding is stable at a friction, `sliding_modes` tells.
+    Divergence (a growing real exponent) is not among them: `sliding_modes` tells whether a mu is stable.
 
     Attributes
     ----------

@@ -57,8 +57,8 @@ class OnsetSensitivity(ReadOnlyArrays):
         Normalised sensitivities: relative change for a relative change of each parameter p, (p / mu) d mu / d p;
         of theta in degrees; of a direction, for each radian.
     fold : ndarray of bool, (n,)
-        Whether the onset is near to a fold, where it meets a recovery and derivatives are infinite: those by which
-        it is less than some STEP from there are NaN.
+        Whether the onset is near a fold, where it meets a recovery and its derivatives are infinite. Derivatives
+        by parameters that reach the fold within some STEP are NaN.
     """
 
     mu: Array

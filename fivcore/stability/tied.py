@@ -79,8 +79,8 @@ def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
         lambda x: lowest < x < highest,
     )
     square, mass = (2.0 * np.pi * target) ** 2, 0.0
-    # Where the head mass is many times the beam's, the free translation all but cancels in the receptance; a
-    # second step from the first answer then gives full accuracy.
+    # If the head mass is many times the beam's, the free translation nearly cancels in the receptance; a second
+    # step from the first answer then gives full accuracy.
     for _ in range(2):
         loaded = replace(bare, head_mass=mass)
         stiffness, *contact = contact_modes(loaded, angle)

@@ -50,8 +50,8 @@ class Transient:
     state : ndarray of int8, (n,)
         0 separation, 1 stick, 2 slip.
     growing : ndarray, (m,)
-        Frequencies of the motions by which steady sliding is unstable in the reduced model, Hz; for "fast" with
-        the default cut-off, else empty.
+        Frequencies of the growing modes of steady sliding in the reduced model, Hz. Empty unless the method is
+        "fast" with the default cut-off.
     final_state : State
         State at the end, which `fivcore.simulate` takes as `initial`; for V < 0 that of the mirrored scene.
     """
@@ -112,7 +112,7 @@ class Job:
             raise DivergenceError(f"the motion has blown up at t = {now:.6g} s")
 
     def _long_sticks(self) -> tuple[Array, float]:
-        """Long sticks, a running one included, and the time from which on they are not known yet."""
+        """Long sticks, including one that still lasts, and the time up to which they are known."""
         counters = self.run.record[0]
         if np.isnan(counters["first_slip"]):
             return np.array([[0.0, np.inf]]), np.inf

@@ -118,7 +118,7 @@ class Record:
         elif self._rate is not None:
             t = self._due(end)
             self._keep(self._last, t[t < end * (1.0 - 1e-12)])
-        # Each is taken out before the next is joined: all but one then have one copy in memory.
+        # Each is removed before the next is joined, so that only one at a time has two copies in memory.
         return {name: np.concatenate(parts) for name in [*self._parts] if (parts := self._parts.pop(name))}
 
 

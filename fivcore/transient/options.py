@@ -192,7 +192,7 @@ def _names(record: Any) -> tuple[str, ...]:
 
 
 def _continued(initial: Any, normalised: Normalised, options: dict[str, Any]) -> Any:
-    """The run whose end `initial` is, if that was of the same scene, method and model; else None."""
+    """Return the run that ended in `initial` if it had the same scene, method and model, else None."""
     scene, run = getattr(initial, "origin", None) or (None, None)
     model = ("method", "numerical_damping", "cutoff", "step", "modify", "beta2")
     if scene != normalised or run is None:

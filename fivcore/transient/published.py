@@ -60,7 +60,7 @@ SCENE = np.dtype([
 
 
 def with_numerical_damping(rig: Structural, method: str, numerical_damping: str) -> Structural:
-    """Return the rig of a method's model: "fast" and "exact" add to d2 what the scheme adds of itself."""
+    """Return the rig of a method's model: "fast" and "exact" add the numerical damping to d2."""
     if method == "paper" or numerical_damping == "none":
         return rig
     if isinstance(rig, Rig):
@@ -171,11 +171,11 @@ class PaperRun(SteppedRun):
         self._predict()
 
     def state(self) -> tuple[Array, Array, Array]:
-        """Displacements from rest and velocities of the modes, which are all; v* stands for the velocity."""
+        """Displacements from rest and velocities of all modes, with v* as velocity; no others are left."""
         return self._q - self.model.rest, self._vs, np.zeros(2)
 
     def stored_energy(self) -> float:
-        """Energy of the modes and the load, normalised; v* stands for the velocity."""
+        """Energy of the modes and the load, normalised, with v* as velocity."""
         return self._energy_of(self._q, self._vs)
 
     def _energy_of(self, q: Array, v: Array) -> float:

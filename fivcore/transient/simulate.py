@@ -70,11 +70,11 @@ def simulate(
         Start of the statistics, s since the drive started. Default: 0.1 s after the first slip; 0 without slip.
     initial : State or tuple, optional
         Displacements and velocities of all modes, contact state; its drive starts or runs already (`State`).
-        Default: at rest under the load, T = 0, stuck. From the `final_state` of a run of the same scene, method
-        and model a run goes on: its times count on, `duration` is what it adds, and the motion has the bits that
-        it would have without the end between (by "exact" to rounding; with skips, where both end at the same
-        times, as at multiples of 1024 samples of 20 microseconds). In another scene it starts at t = 0 from the
-        modes and the contact state.
+        Default: at rest under the load, T = 0, stuck. The `final_state` of a run of the same scene, method and
+        model continues that run: times count from its start, `duration` is added, and the motion has the same bits
+        as one run without the stop ("exact": to rounding; with skips: if both stop at the same times, as at
+        multiples of 1024 samples of 20 microseconds). In another scene the run starts at t = 0 from the modes and
+        the contact state.
     cutoff : float, optional
         Highest frequency of a mode, Hz; not for "paper", which keeps all. Default: 94 kHz for the paper's rig
         (`contact.reduced.default_cutoff`), with more for the onset (`transient.fast.onset`).
@@ -199,9 +199,9 @@ def painleve_mu(
     modify: Modify | None = None,
     beta2: float | None = None,
 ) -> float:
-    """Find the coefficient of friction from which on a method's contact force is not unique (Painleve's paradox).
+    """Find the mu above which a method's contact force is not unique (Painleve's paradox).
 
-    It is where a divisor of the method's slip vanishes, and not where steady sliding flutters (`flutter_onsets`).
+    There a divisor of the method's slip is zero. Onsets of flutter are something else (`flutter_onsets`).
 
     Parameters
     ----------

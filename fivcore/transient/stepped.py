@@ -35,7 +35,7 @@ class SteppedRun:
     stored_energy: Any
 
     def again(self, options: Options) -> Any:
-        """A run that goes on where this one has ended."""
+        """Return a run that continues this one after its end."""
         run = duplicate(self)
         run.options, run.begun = options, run.time
         run.pause = run.steps = int(run.record["now"][0]) + max(round(options.duration / run.step), 1)

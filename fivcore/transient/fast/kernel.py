@@ -109,7 +109,7 @@ def advance(
 
 @inlined
 def pause(scene: Any, now: int) -> int:
-    """Step before which a scene has to be looked at."""
+    """Return the step before which the run must pause."""
     if scene.stopped != 0:
         return now
     until = min(scene.last, scene.next_skip)

@@ -35,7 +35,7 @@ SHARE = 0.25
 class LyapunovExponent:
     """Exponent and its standard error (as in `transient.observe`; NaN where the time is too short for one), 1/s.
 
-    `start`, s since the drive started, and `time`, s: from when on and how long the deviation was followed.
+    The deviation was followed from `start`, s since the drive started, for `time`, s.
     """
 
     value: float
@@ -69,14 +69,14 @@ def lyapunov_exponent(
     Parameters
     ----------
     scene, duration, settle, initial, numerical_damping, ramp, cutoff, step
-        As in `fivcore.simulate`, but for the default of `step`. The mean begins at `settle`, but not before the
+        As in `fivcore.simulate`, except the default of `step`. The mean begins at `settle`, but not before the
         onset's finer model ends, which has other modes (`transient.fast.onset`); the deviation needs some 10 ms to
         turn into the direction that grows most.
 
     Raises
     ------
     ValueError, ContactError, DivergenceError
-        As `fivcore.simulate`; and for rigid contact, whose steps keep a deviation of the gap as it is for ever.
+        As `fivcore.simulate`; also for rigid contact, where a deviation of the gap never changes.
     """
     arguments = signature(simulate).bind(**locals(), leap=False, end_early=False)
     arguments.apply_defaults()

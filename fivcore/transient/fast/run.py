@@ -51,7 +51,7 @@ MOST_ROWS = 10_000
 
 
 class FastRun:
-    """One run in progress; `begun` is its start, s, where it goes on from another."""
+    """One run in progress; `begun` is its start, s, if it continues another run."""
 
     begun = 0.0
 
@@ -163,7 +163,7 @@ class FastRun:
             record["next_skip"] = 0
 
     def again(self, options: Options) -> FastRun:
-        """A run that goes on where this one has ended."""
+        """Return a run that continues this one after its end."""
         run: FastRun = duplicate(self)
         run.blocks, run.options, run.begun = aligned(self.blocks), options, self.time
         run.pause = run.steps = self.now + max(round(options.duration / self.step), 1)

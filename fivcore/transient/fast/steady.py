@@ -78,7 +78,7 @@ class SteadySliding:
 
     @one_blas_thread()
     def bounds(self, x: Array) -> Array:
-        """Bound how far each reading can ever be from its steady value if slip goes on from `x` and decays."""
+        """Bound each reading's later distance from its steady value, if slip from `x` goes on and decays."""
         parts = np.abs(self._inverse @ (x - self.state))
         return np.asarray(self._weights @ (parts + self._share * parts.max()))
 
