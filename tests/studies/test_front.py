@@ -3,7 +3,8 @@
 import numpy as np
 import xarray as xr
 
-from studies.plotting import figures, front
+from studies import front
+from studies.plotting import figures
 from tests import HOME
 
 

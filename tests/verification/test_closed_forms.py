@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene, State, simulate, sliding_modes
-from fivcore.contact.reduced import full_model
 from fivcore.rig import P1, P2
 from fivcore.transient.published import BETA2
 from fivcore.transient.statistics import SLIP, STICK
 from studies.accuracy.ablation import with_dashpot
 from tests import known
+from tests.helpers.sliding import sliding_state
 from tests.helpers.small_systems import METHODS, N_OF, SAMPLED, SPEED_OF, STATE_OF, T_OF, TIME, Fast, by_paper
 from tests.known import BOUNCE, CRITICAL, FALL, LENGTH, MOTIONS, PRESSURE
 
@@ -220,26 +220,6 @@ def test_energy_balances_at_every_instant(case, duration, steps, error, falls):
         worst.append(largest / size)
     assert worst[0] < error
     assert worst[0] / worst[-1] >= falls ** (len(steps) - 1)
-
-
-# The rig itself.
-def sliding_state(rig, theta, mu, V, F, pair=0, size=0.0):
-    """Steady sliding and a multiple of an unstable mode, and that mode's exponent; ramp = 0."""
-    model, modes = full_model(rig, theta), sliding_modes(rig, theta, mu)
-    elastic = model.stiffness > 0.0
-    force = model.normal + mu * model.tangential
-    # Friction bends it from where it is at rest under the unit load.
-    q = np.zeros(len(force))
-    q[elastic] = (model.rest + (force - model.normal) / np.where(elastic, model.stiffness, 1.0))[elastic]
-    q[~elastic] = -(model.normal @ q) / model.normal[~elastic]
-    # Relative to a clamp that starts with a jerk, P2 must move for it to be at V at once.
-    v = -model.inertia * V / F
-    if not size:
-        return State(F * q, F * v, SLIP), None
-    i = np.flatnonzero(modes.unstable)[pair]
-    phi = complex(modes.growth_rate[i], 2.0 * np.pi * modes.frequency[i])
-    shape = size * force / (model.stiffness + model.damping * phi + phi**2)
-    return State(F * (q + shape.real), F * (v + (phi * shape).real), SLIP), phi
 
 
 # The finite-element model cut off at 75 kHz; with its own dashpot, or three times as much.

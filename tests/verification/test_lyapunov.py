@@ -16,7 +16,7 @@ from fivcore.transient.fast.run import FastRun, aligned
 from fivcore.transient.fast.solver import put
 from fivcore.transient.fast.steady import eigenvalues
 from fivcore.transient.simulate import request
-from tests.verification.test_closed_forms import sliding_state
+from tests.helpers.sliding import sliding_state
 
 SKEW = 0.3
 STATE = ("g_N", "g_T", "v_N", "v_T", "u_N", "u_T", "anchor")
