@@ -44,7 +44,7 @@ def structure(file: str, out: str | None, fmax: float, mu: float) -> None:
     From Nastran, with pyNastran; the punch file (EXTRN) lists node and direction of the rows, for rows.txt:
 
     \b
-    M, K = (csr_array(read_op4("model.op4")[name].data) for name in ("MAA", "KAA"))
+    M, K = (csr_array(read_op4("bulk.op4")[name].data) for name in ("MAA", "KAA"))
     kept = M.diagonal() > 0
     mmwrite("M.mtx", M[kept][:, kept])
     mmwrite("K.mtx", K[kept][:, kept])

@@ -62,7 +62,7 @@ def figures_of(states, *series, observer=None, duration=None, steadiness=0.0, re
     for name, value in energies:
         record[name] = value
     options = SimpleNamespace(ramp=1e-3, initial=None, method="fast", cutoff=None)
-    made = SimpleNamespace(scene=SCENE, options=options, steps=1, step=duration or len(states) * STEP)
+    made = SimpleNamespace(scene=SCENE, options=options, steps=1, step=duration or len(states) * STEP, begun=0.0)
     made.record, made.released_energy = np.array([record]), lambda: released
     observer = observer or observed(np.zeros(0), np.zeros(0))
     observer.spread = lambda start: steadiness * SCENE.speed_per_load
