@@ -22,7 +22,7 @@ from fivcore.stability.sliding import SlidingModes, node_positions, sliding_mode
 from fivcore.stability.tied import glued_frequencies, tune_head_mass
 from fivcore.structure import Structure
 from fivcore.transient.driver import Transient
-from fivcore.transient.fast.lyapunov import LyapunovExponent, lyapunov_exponent
+from fivcore.transient.lyapunov import LyapunovExponent, lyapunov_exponent
 from fivcore.transient.normalised import State
 from fivcore.transient.options import Until
 from fivcore.transient.simulate import painleve_mu, simulate, simulate_many

@@ -1,8 +1,8 @@
 """Derivatives of the flutter onsets by the parameters of the rig: central differences of fourth order.
 
 The changed rigs are rows of one call of `flutter_onsets_many`. STEP balances truncation against rounding: on five
-rigs, the paper's among them, normalised sensitivities agree with derivatives in closed form to 5e-8 of
-themselves, or to 5e-10 of the largest of their onset where they are small beside it. With a node of a coarse P2 at
+rigs, including the paper's, normalised sensitivities agree with closed-form derivatives to a relative 5e-8; small
+ones to 5e-10 of the largest sensitivity of the same onset. With a node of a coarse P2 at
 the contact the error is some 1e-6, since there the second derivative of the interpolated deflection jumps.
 
 Of a structure the derivatives are in closed form, by the implicit function theorem: at an onset
@@ -33,7 +33,7 @@ ONE_SIDED = np.array([[1.0, 2.0, 3.0, 4.0], [4.0, -3.0, 4.0 / 3.0, -0.25], [2.0,
 # Largest relative change of an onset's frequency from row to row; largest relative difference between the
 # derivatives of both orders, and rounding of the onset. Beyond these it is too near to a fold for a derivative.
 SAME, BENT, ROUNDING = 1e-2, 1e-2, 1e-12
-# Damping that stands for none in closed form, in units of the band's angular frequency; its error is the square.
+# Damping in closed form where there is none, in units of the angular frequency of the band; its error is squared.
 TINY = 1e-7
 
 

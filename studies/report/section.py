@@ -79,7 +79,7 @@ class Result:
 
     @property
     def kind(self) -> str:
-        """What computed it: a predefined study, one of one's own, or a map."""
+        """Kind of the result: study, own study or map."""
         own = "study" if self.study.name in registry.NAMES else "own study"
         return "map" if self.file.parent.name == results.MAPS else own
 
@@ -263,7 +263,7 @@ def _column(array: xr.DataArray, dims: list[str], is_parameter: bool) -> dict[st
 
 
 def again(study: Study, dataset: xr.Dataset, file: Path) -> tuple[str, str]:
-    """What computes a point, as a command and in Python, without the parameters that vary; "" without a name."""
+    """Command and Python that compute a point, without the parameters that vary; "" for a study without a name."""
     if not (study.name in registry.names() or (study.name.startswith(results.MAPS) and study.parameters)):
         return "", ""
     fixed, rig = settings(dataset), file if results.structure_in(dataset) else None
