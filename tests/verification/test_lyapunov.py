@@ -10,8 +10,8 @@ import pytest
 from fivcore import Friction, Rig, Scene, Structure, lyapunov_exponent, simulate
 from fivcore.contact.reduced import reduced_model
 from fivcore.contact.step_map import eigenvectors, step_map
+from fivcore.transient import lyapunov
 from fivcore.transient.fast import data as at
-from fivcore.transient.fast import lyapunov
 from fivcore.transient.fast.run import FastRun, aligned
 from fivcore.transient.fast.solver import put
 from fivcore.transient.fast.steady import eigenvalues
