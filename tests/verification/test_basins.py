@@ -109,10 +109,10 @@ def test_of_a_thousand_starts_three_are_on_the_wrong_side_at_most(V):
     assert differing(V, 1000) <= 3
 
 
-def exactly(V, data, k):
+def exactly(V, data, k, time=200.0):
     """Whether a start leads to steady sliding by method "exact"."""
     x, v = (float(data[name][k]) for name in ("start_displacement", "start_velocity"))
-    scene, time = Scene(V, 0.0, 1.0, 1.0, BLOCK, LAW), 200.0
+    scene = Scene(V, 0.0, 1.0, 1.0, BLOCK, LAW)
     run = simulate(scene, time, "exact", initial=State.of(scene, [0.0, x], [0.0, v]), settle=0.5 * time, step=0.1)
     return run.summary["regime"] == "steady sliding"
 
@@ -125,7 +125,7 @@ def test_exact_motion_of_ten_starts_has_the_same_labels():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("V", [1.18, 1.24, 1.3, 1.36, 1.42, 1.48, 1.54, 1.6, 1.66, 1.72])
+@pytest.mark.parametrize("V", [1.3, 1.35, 1.4, 1.45, 1.5, 1.55, 1.6, 1.65, 1.7, 1.75])
 def test_ten_shares_are_those_by_exact(V):
-    data = drawn(V, 16)
-    assert [exactly(V, data, k) for k in range(16)] == (data["label"].values == STEADY).tolist()
+    data = drawn(V, 8)
+    assert [exactly(V, data, k, duration(V)) for k in range(8)] == (data["label"].values == STEADY).tolist()
