@@ -7,12 +7,11 @@ v_d = 0 is a jump from the static to the kinetic coefficient.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from fivcore import checks
-from fivcore.jit import kernel
+from fivcore.jit import called, inlined
 
 DECAYS = ("exponential", "rational")
 # Units and meaning of its numbers.
@@ -79,7 +78,7 @@ class Friction:
 COULOMB = Friction()
 
 
-@kernel
+@inlined
 def friction_ratio(speed: float, kappa: float, decay_speed: float, rational: float) -> tuple[float, float]:
     """mu(v) / mu at a speed >= 0 of a contact that slips, and its derivative."""
     if decay_speed == 0.0 or kappa == 1.0:
@@ -88,11 +87,11 @@ def friction_ratio(speed: float, kappa: float, decay_speed: float, rational: flo
     if rational != 0.0:
         g = 1.0 / (1.0 + speed / decay_speed)
         return kappa + falling * g, -falling * g * g / decay_speed
-    g = np.exp(-speed / decay_speed)
+    g = math.exp(-speed / decay_speed)
     return kappa + falling * g, -falling * g / decay_speed
 
 
-@kernel
+@called
 def slip_speed(
     guess: float,
     ahead: float,

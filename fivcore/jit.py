@@ -11,13 +11,13 @@ import shutil
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import config, njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -40,11 +40,7 @@ SOURCES = sha256(b"".join(path.read_bytes() for path in sorted(_HERE.rglob("*.py
 # Names of the folders of compiled kernels; seconds after which one of other sources is removed.
 PREFIX, OLD = "kernels-", 7.0 * 24.0 * 3600.0
 _SETTINGS: Any = config
-
-
-def _compiled(function: Function, **options: Any) -> Function:
-    compiled: Any = njit(nogil=True, error_model="numpy", **options)(function)
-    return compiled
+_OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
 
 
 def kernel(function: Function) -> Function:
@@ -52,7 +48,7 @@ def kernel(function: Function) -> Function:
 
     Operations keep the order in which they are written (no fast-math).
     """
-    compiled: Any = _compiled(function)
+    compiled: Any = njit(**_OPTIONS, fastmath=False)(function)
     # Without a folder that can be written to, every process compiles anew.
     if FOLDER is not None:
         given, _SETTINGS.CACHE_DIR = _SETTINGS.CACHE_DIR, str(FOLDER)
@@ -64,15 +60,24 @@ def kernel(function: Function) -> Function:
     return compiled
 
 
-# Compile a small function into its callers, where a call would cost more than its body ...
-inlined = partial(_compiled, forceinline=True)
+def _part(**options: Any) -> Callable[[Function], Function]:
+    """Compile a function into the kernels that call it; for Python it stays as it is.
+
+    It has its own `fastmath`. Without, Numba would give it that of the kernel which happens to need it first.
+    """
+    part: Any = register_jitable(**_OPTIONS, no_cfunc_wrapper=True, **options)
+    return cast(Callable[[Function], Function], part)
+
+
+# A call of its own, or, where a call would cost more than the body, lines of the caller ...
+called = _part(fastmath=False)
+inlined = _part(fastmath=False, forceinline=True)
 # ... with products and sums that may be fused, in the order written ...
-contracted = partial(_compiled, forceinline=True, fastmath={"contract"})
+contracted = _part(fastmath={"contract"}, forceinline=True)
 # ... or with sums that may be added in any order, too: only these use vector registers. Their width decides the
 # last bits, which are the same on machines of one kind only, like those of eigenvectors.
-reordered = partial(_compiled, forceinline=True, fastmath={"reassoc", "contract", "nsz"})
-# The same as a call of its own, for what is called seldom and from many places.
-reordered_call = partial(_compiled, fastmath={"reassoc", "contract", "nsz"})
+reordered = _part(fastmath={"reassoc", "contract", "nsz"}, forceinline=True)
+reordered_call = _part(fastmath={"reassoc", "contract", "nsz"})
 
 
 def cache_folder(homes: Iterable[Path]) -> Path | None:

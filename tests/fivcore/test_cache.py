@@ -4,6 +4,10 @@ import os
 import subprocess
 import sys
 
+from numba import njit
+
+from fivcore import jit
+
 
 def test_folders_of_others_beside_the_kernels_stay(tmp_path):
     """However old they are and whatever their name; old kernels of our own sources go."""
@@ -17,3 +21,17 @@ def test_folders_of_others_beside_the_kernels_stay(tmp_path):
     assert said.startswith(str(tmp_path / "fiv" / "kernels-"))
     assert others.exists()
     assert not old.exists()
+
+
+def test_who_needs_a_part_first_changes_no_bit():
+    """Numba would pass the freedom to fuse products and sums on to what a kernel calls."""
+
+    @jit.inlined
+    def part(a, b, c):
+        return a * b + c
+
+    @jit.contracted
+    def whole(a, b, c):
+        return part(a, b, c)
+
+    assert njit(lambda a, b, c: whole(a, b, c))(0.1, 3.0, -0.3) == 0.1 * 3.0 - 0.3

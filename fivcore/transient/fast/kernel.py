@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from fivcore.friction import friction_ratio, slip_speed
-from fivcore.jit import contracted, inlined, kernel, reordered
+from fivcore.jit import called, contracted, inlined, kernel, reordered
 from fivcore.transient.fast import data as at
 from fivcore.transient.fast.skip import skip
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, enter
@@ -122,7 +122,7 @@ def added(free: float, by_N: float, impulse_N: float, by_T: float, impulse_T: fl
     return free + (by_N * impulse_N + by_T * impulse_T)
 
 
-@kernel
+@called
 def falling(scene: Any, law: Any, p: float, u: float, vN: float, vT: float, way: float, last: float) -> Any:
     """Slip speed (negative without slip), N, T and the new u_T where friction depends on the slip speed.
 

@@ -24,7 +24,7 @@ from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.law import status_maps
 from fivcore.contact.reduced import ReducedModel
 from fivcore.contact.step_map import eigenvectors, step_map
-from fivcore.jit import Array, kernel, reordered_call
+from fivcore.jit import Array, called, reordered_call
 from fivcore.transient.fast import data as at
 from fivcore.transient.statistics import STICK
 
@@ -201,7 +201,7 @@ def rotate(factors: Any, vector: Any, out: Any) -> None:
         out[k], out[count + k] = a * re - b * im, a * im + b * re
 
 
-@kernel
+@called
 def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any) -> None:
     """Take a scene from a sample to the last one before which stick cannot have ended, if that is farther.
 
