@@ -1,8 +1,7 @@
 """`method="fast"`: the reduced model in symmetric impulses and exact moves, second order in the step.
 
-`FastRun` keeps the state of one scene and decides what its next segment is: the ramp, the motion to the first
-slip, the onset with a finer model (`transient.fast.onset`), the motion after it, and steady sliding once it is
-proved (`transient.fast.steady`).
+`FastRun` keeps the state of one scene and takes it through the phases of a run, a segment at a time. Steady
+sliding that is proved to last (`transient.fast.steady`) is filled in.
 """
 
 from __future__ import annotations
@@ -48,6 +47,9 @@ SHORT_SEGMENT, LONG_SEGMENT = 0.04, 0.25
 MOST_STEPS, MOST_ROOM = 1_000_000, 1e8
 # Rows of a record that are handed over at once, about.
 MOST_ROWS = 10_000
+# Phases of a run, in order: while the drive starts; until the contact is about to slip; the onset with the finer
+# model (`transient.fast.onset`), until contact opens and for a while after; the motion from then on.
+RAMP, BEFORE_SLIP, CLOSED, OPENED, MOTION = range(5)
 
 
 class FastRun:
@@ -80,7 +82,6 @@ class FastRun:
         # A ramp shorter than a step is none.
         starts = options.initial is None or not options.initial.running
         self._ramp = options.ramp if starts and options.ramp >= self.step else 0.0
-        self._ramp_ends = int(self._ramp / self.step)
         finer = options.cutoff is None and options.initial is None and bool(model.K.any())
         finer = finer and isinstance(scene.rig, Rig)
         self.growing: Array = np.zeros(0)
@@ -90,7 +91,7 @@ class FastRun:
             self.growing = growing(eigenvalues(model, self._kinetic, self.step, -scene.mu * law.slope(speed)))
             # Growth in the finer model alone would start a vibration where this one's sliding is stable.
             finer = len(self.growing) > 0
-        self._fine = onset.finer_solver(scene, self.step, options) if finer else None
+        self._fine: Any = onset.finer_solver(scene, self.step, options) if finer else None
         distance = slip_distance(scene)
         self._share = 1.0 - min(onset.LEAD * scene.speed_per_load / distance, 1.0) if distance > 0.0 else 0.0
         self._sample_every = max(round(model.interval / self.step), 1)
@@ -99,10 +100,9 @@ class FastRun:
         self.may_settle = options.end_early and bool(model.K.any()) and law.constant
         self._short, self._long = SHORT_SEGMENT * scene.rig.time_unit, LONG_SEGMENT * scene.rig.time_unit
         self._length = self._short
-        # Where a phase of the onset ends, in its own steps (0: there is none); whether contact has opened in it.
-        self._onset_ends, self._opened = 0, False
-        # Where a segment ends; a record may cut it into several.
-        self._until = 0
+        # The step at which the phase ends, if nothing has ended it, and that at which its segment ends, which a
+        # record may cut into several.
+        self._phase, self._ends, self._until = RAMP, int(self._ramp / self.step), 0
         self.segments: Iterable[Segment] = ()
         self.record = options.record_of(scene, at.SCENE)
         # A deviation that follows the motion (`kernel.advance`).
@@ -111,6 +111,8 @@ class FastRun:
         self._solver = self._coarse = frozen_solver(model, scene.mu, self.step, law)
         self.blocks = aligned(self._solver.blocks)
         self._start(options.initial)
+        if not self._ends:
+            self._end_ramp()
 
     # State.
 
@@ -216,10 +218,14 @@ class FastRun:
     # Segments.
 
     @property
+    def _finer(self) -> int:
+        """Steps of the phase in a step of the run."""
+        return onset.FINER if self._phase in (CLOSED, OPENED) else 1
+
+    @property
     def now(self) -> int:
         """Steps of the run that have been taken."""
-        now = int(self.record["now"][0])
-        return now // onset.FINER if self._onset_ends else now
+        return int(self.record["now"][0]) // self._finer
 
     @property
     def time(self) -> float:
@@ -249,30 +255,23 @@ class FastRun:
 
     def _plan(self) -> None:
         """Decide where the next segment ends and what ends it before."""
-        record, solver = self.record, self._solver
-        finer = onset.FINER if self._onset_ends else 1
+        record, solver, finer = self.record, self._solver, self._finer
         every, rows = self._sample_every * finer, self._row_every * finer
-        now, threshold, self._tables = int(record["now"][0]), np.inf, NONE
+        now, self._tables = int(record["now"][0]), NONE
         # No skip crosses a multiple of this; segments end there, so that recording changes nothing.
         grid = at.MAX_SKIP * every
-        if self._onset_ends:
-            length = round(self._short / solver.step)
-            last = self._onset_ends if self._opened else min(now + length, self._onset_ends)
-        else:
-            ramp_ends, length = self._ramp_ends, min(max(round(self._length / self.step), 1), MOST_STEPS)
-            if now >= self._until:
-                last = (now // grid + (1 if now % grid else max(length // grid, 1))) * grid
-                self._until = min(last, ramp_ends) if now < ramp_ends else last
-            last = self._until
-            if now >= ramp_ends and self._fine is not None:
-                threshold = self._share * self.scene.mu
-            if self.options.skip and now * self.step >= self._ramp:
-                self._tables = skip_tables(solver.model, solver.step, every)
+        if now >= self._until:
+            self._until = self._segment_end(now, grid)
+        if self._phase in (BEFORE_SLIP, MOTION) and self.options.skip and now * self.step >= self._ramp:
+            self._tables = skip_tables(solver.model, solver.step, every)
+        last = self._until
         if rows:
             piece = grid * max(MOST_ROWS * rows // grid, 1)
             last = min(last, (now // piece + 1) * piece)
         last = min(last, self.pause * finer)
-        record["last"], record["threshold"] = last, threshold
+        record["last"] = last
+        record["threshold"] = self._share * self.scene.mu if self._phase == BEFORE_SLIP else np.inf
+        record["until_open"] = self._phase == CLOSED
         record["sample_every"], record["next_sample"] = every, -(-now // every) * every
         record["row_every"], record["next_row"] = rows, -(-now // rows) * rows if rows else at.NEVER
         record["may_skip"] = self._tables is not NONE
@@ -282,36 +281,40 @@ class FastRun:
             # Where a sample is due.
             due = int(record["next_skip"][0])
             record["next_skip"] = max(due if due < at.NEVER else 0, int(record["next_sample"][0]))
-        record["until_open"] = bool(self._onset_ends) and not self._opened
         record["stopped"] = record["samples"] = record["rows"] = record["sticks"] = 0
         step = solver.step
         record["stick_room"] = room_for_sticks(now * step, last * step, float(record["least_stick"][0]), step)
+
+    def _segment_end(self, now: int, grid: int) -> int:
+        if self._phase == OPENED:
+            return self._ends
+        if self._phase == CLOSED:
+            return min(now + round(self._short / self._solver.step), self._ends)
+        length = min(max(round(self._length / self.step), 1), MOST_STEPS)
+        last = (now // grid + (1 if now % grid else max(length // grid, 1))) * grid
+        return min(last, self._ends) if self._phase == RAMP else last
 
     def _conclude(self, segment: Segment) -> None:
         """Decide what follows a segment."""
         record = self.record
         now, stopped = int(record["now"][0]), bool(record["stopped"][0])
         opened = not np.isnan(record["first_separation"][0])
-        if self._onset_ends:
-            if not self._opened and (stopped or opened or now >= self._onset_ends):
-                self._opened = True
-                coarse = -(-now // onset.FINER) + round(onset.AFTER / self.step)
-                self._onset_ends = coarse * onset.FINER
-            if self._opened and now >= self._onset_ends:
-                self._leave_onset()
-            return
-        if now == self._ramp_ends and self._shift.any():
+        if (phase := self._phase) == RAMP and now == self._ends:
             self._end_ramp()
-        if stopped:
-            self._until = now
-        if self._fine is not None and stopped:
-            fine, self._fine = self._fine, None
+        elif phase == BEFORE_SLIP and stopped:
+            self._phase = MOTION
             if not opened:
-                self._enter_onset(fine)
-                return
-        elif now < self._until:
+                self._enter_onset()
+        elif phase == CLOSED and (stopped or opened or now >= self._ends):
+            coarse = -(-now // onset.FINER) + round(onset.AFTER / self.step)
+            self._phase, self._ends, self._until = OPENED, coarse * onset.FINER, 0
+        elif phase == OPENED and now >= self._ends:
+            self._leave_onset()
+        if stopped:
+            self._until = 0
+        if now < self._until or {phase, self._phase} & {CLOSED, OPENED}:
             return
-        elif self._ramp_ends < now < self.steps:
+        if phase != RAMP and not stopped and now < self.steps:
             steady = self._settled(segment)
             if steady is not None:
                 self.segments = chain([segment], self._fill(steady))
@@ -322,8 +325,11 @@ class FastRun:
 
     def _end_ramp(self) -> None:
         """Stop the acceleration of the clamp, between the impulses of two steps."""
+        self._phase = MOTION if self._fine is None else BEFORE_SLIP
+        if not self._shift.any():
+            return
         model, ramp = self.model, self._ramp
-        push = model.inertia * self.scene.speed_per_load / ramp * (ramp - self._ramp_ends * self.step)
+        push = model.inertia * self.scene.speed_per_load / ramp * (ramp - self._ends * self.step)
         q, v = _move(model, self._shift, push, 0.5 * self.step)
         before_q, before_v = self._between(self._solver)
         self.record["work"] += self._ramp_work(before_q + self._shift)
@@ -333,21 +339,21 @@ class FastRun:
 
     # The onset.
 
-    def _enter_onset(self, fine: Solver) -> None:
+    def _enter_onset(self) -> None:
         """Go on with more modes and finer steps."""
-        coarse, now = self._coarse, self.now
+        coarse, fine, now = self._coarse, self._fine, self.now
         state = onset.prolong(coarse, fine, *self._between(coarse), self._u)
         self._change_to(fine, state, now * self.step)
         self.record["now"] = now * onset.FINER
-        self._onset_ends = (now + round(onset.LONGEST / self.step)) * onset.FINER
-        self._opened = False
+        self._phase, self._until = CLOSED, 0
+        self._ends = (now + round(onset.LONGEST / self.step)) * onset.FINER
 
     def _leave_onset(self) -> None:
         """Go on with the modes and steps of the run."""
         fine, now, touches = self._solver, self.now, bool(self.record["contact"] != SEPARATION)
         state = onset.restrict(fine, self._coarse, *self._between(fine), self._u, touches)
         self._change_to(self._coarse, state, now * self.step)
-        self.record["now"], self._onset_ends = now, 0
+        self.record["now"], self._phase, self._until = now, MOTION, 0
 
     def _between(self, solver: Solver) -> tuple[Array, Array]:
         """Displacements and velocities half a step ago, between two impulses."""
