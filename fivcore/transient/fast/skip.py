@@ -176,9 +176,10 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     return SkipTables(*(np.ascontiguousarray(table) for table in tables))
 
 
-def workspace_for(tables: SkipTables) -> Array:
+def workspace_for(tables: SkipTables) -> tuple[Array, ...]:
     """Vectors for a skip with these tables."""
-    return np.zeros((8 + OUTPUTS, max(ROUND, len(tables.logarithm), len(tables.drift))))
+    count, size = len(tables.logarithm), len(tables.drift)
+    return (*map(np.zeros, (size, count, count, count, count, count + 6, 5, 6, 6)), np.zeros((OUTPUTS, ROUND)))
 
 
 @reordered_call
@@ -218,10 +219,8 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
     if now + every > last:
         return
     outputs, moduli, powers, affine = tables.outputs, tables.moduli, tables.powers, tables.affine
-    twice, size = len(tables.logarithm), len(tables.drift)
-    half = size // 2
-    x, y, initial, other, result = work[0, :size], work[1, :twice], work[2, :twice], work[3, :twice], work[4]
-    weights, starts, slopes, sampled = work[5, :5], work[6], work[7], work[8 : 8 + OUTPUTS]
+    x, y, initial, other, sums, result, weights, starts, slopes, sampled = work
+    twice, half = len(y), len(x) // 2
     step, speed = scene.step, scene.speed
     # A first slip that is waited for comes with a share of mu N.
     mu = min(scene.threshold, scene.mu)
@@ -281,7 +280,6 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
         return
     steps = float(goal - now)
     # Integrals of N and T over the steps of the skip, and what damping and dashpot lose.
-    sums = work[0]
     for j in range(twice):
         sums[j] = initial[j] + y[j]
         other[j] = initial[j] - y[j]
