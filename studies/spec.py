@@ -65,7 +65,8 @@ def converted(spec: str, units: str, name: str = "it") -> str:
     if bears[-1] and not any(bears[:-1]):
         bears = [bears[-1]] * values
     if not all(bears[:values]) or any(bears[values:]):
-        raise InputError("each value must bear its unit, or the end that of all")
+        count = " (the count has none)" * (separator == ":")
+        raise InputError(f"write a unit at each value{count}, or once at the end for all")
     pairs = zip(map(finite, numbers[:values]), bears, strict=False)
     texts = [typed(convert(number, unit, units, name)) for number, unit in pairs]
     return head + separator.join([*texts, *numbers[values:]])
