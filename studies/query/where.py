@@ -91,7 +91,8 @@ class Evaluator:
         except (RecursionError, OverflowError):
             raise InputError(f"{self.argument}: too many levels, or too large a number; {GRAMMAR}") from None
         if expected and kind(value) != expected:
-            raise self._wrong(node, f"it is {kind(value)}, and must be {expected}")
+            advice = "; compare it with a value, the whole in quotes: 'mu > 0.2'" * (expected == TRUTH)
+            raise self._wrong(node, f"it is {kind(value)}, and must be {expected}{advice}")
         # Whole numbers would overflow.
         return value.astype(float) if expected == NUMBER and isinstance(value, pd.Series) else value
 
