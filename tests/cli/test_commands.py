@@ -108,7 +108,7 @@ def test_stored_points_are_not_computed_again_and_other_settings_are_refused(her
     assert "points        11" in here("status", "fig5").stdout
     done = here(*THREE, "--set", "theta=8", "-q")
     assert done.returncode == 3
-    assert "theta = 5.0 there, 8.0 here; start over with fresh (--fresh), or choose another folder" in done.stderr
+    assert "theta = 5.0 there, 8.0 here; choose another folder (--out), or start over (--fresh)" in done.stderr
     fresh = here(*THREE, "--set", "theta=8", "--fresh", "-q")
     assert (fresh.returncode, fresh.stderr) == (0, "")
     assert "θ = 8°" in fresh.stdout
