@@ -103,8 +103,9 @@ class Parameter:
 
 def suggest(name: str, names: Any) -> str:
     """'did you mean ...? ' for a near miss, else nothing."""
-    near = difflib.get_close_matches(name, list(names), n=1, cutoff=0.5)
-    return f"did you mean {near[0]}? " if near else ""
+    known = list(names)
+    near = [each for each in known if each.endswith(f"_{name}")] or difflib.get_close_matches(name, known, 1, 0.5)
+    return f"did you mean {' or '.join(near[:2])}? " if near else ""
 
 
 def rig_numbers(rig: Rig) -> dict[str, Any]:

@@ -64,6 +64,8 @@ def _code_of(problem: Exception) -> int:
     code, text = next((CODES[name] for name in CODES if name in names), INTERNAL), str(problem)
     if isinstance(problem, click.ClickException):
         code, text = 2, problem.format_message()
+        if "extra argument" in text and "=" in text:
+            text += "; a value needs --set before it, or --fix for a map"
     elif isinstance(problem, MemoryError):
         code, text = 2, f"out of memory: {problem or 'nothing more could be allocated'}; take fewer values"
     elif isinstance(problem, RecursionError):

@@ -25,6 +25,9 @@ TABLES = {
 WRONG = [
     ("rnu fig5", "No such command 'rnu'. Did you mean 'run'?"),
     ("run fig55", "STUDY = 'fig55': no study has this name; did you mean fig5?"),
+    ("fig5", "fig5 is no command; write: fiv run fig5"),
+    ("run fig5 theta=8", "extra argument (theta=8); a value needs --set before it, or --fix for a map"),
+    ("run fig5 --set young_modulus=210GPa", "did you mean p1_young_modulus or p2_young_modulus? it has mu,"),
     ("run fig5 --sett theta=8", "'--set'"),
     ("run fig5 --set tehta=8", "tehta: study fig5 has no such parameter; did you mean theta?"),
     ("run fig5 --set mu=-0.2", "mu = -0.2: it must be a number from 0 to"),
