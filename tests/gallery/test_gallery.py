@@ -158,6 +158,15 @@ def check_layout(figure):
         assert whole.x0 <= box.x0 < box.x1 <= whole.x1, names
 
 
+@pytest.mark.parametrize(
+    ("rig", "told"),
+    [({}, ""), ({"p1_length": 0.06}, " (p1 length = 60 mm)"), ({"d1": 1.0, "d2": 0.0}, " (not the paper's rig)")],
+)
+def test_a_title_names_the_one_number_that_is_not_the_papers(rig, told):
+    data = registry.load("fig5").sweep({"mu": [0.1, 0.2]} | rig).plan().run("sync")
+    assert drawn(registry.load("fig5"), data)[""]._suptitle.get_text().endswith(f"5°{told}")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", registry.NAMES)
 def test_the_reference_is_drawn_without_overlap(name):
