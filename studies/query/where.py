@@ -55,6 +55,8 @@ def parse(text: str, argument: str, units: Mapping[Any, str]) -> ast.expr:
                 raise InputError(f"{start}: units cannot stand in --where; {advice}") from None
         alone = re.search(r"[^=!<>]=(?!=)", text)
         why = "to compare is ==" if alone else getattr(problem, "msg", "it cannot be read")
+        if re.search(r"\s(asc|desc)\w*$", text, re.IGNORECASE):
+            why = "a minus before the name sorts descending"
         raise InputError(f"{start}: {why}; {GRAMMAR}") from None
     for node in ast.walk(tree):
         if not isinstance(node, _ALLOWED) or not isinstance(getattr(node, "value", 0), (int, float, str)):
