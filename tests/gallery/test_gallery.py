@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from studies import claims, paper, registry, runner, summary
+from studies import claims, paper, reference, registry, runner, summary
 from studies.accuracy.study import COSTS
 from studies.plotting import figures
 from sweeps.storage.assemble import rounded
@@ -165,6 +165,13 @@ def check_layout(figure):
 def test_a_title_names_the_one_number_that_is_not_the_papers(rig, told):
     data = registry.load("fig5").sweep({"mu": [0.1, 0.2]} | rig).plan().run("sync")
     assert drawn(registry.load("fig5"), data)[""]._suptitle.get_text().endswith(f"5°{told}")
+
+
+def test_a_result_with_fewer_realisations_is_not_compared_and_says_why():
+    with xr.open_dataset(KEPT / "hysteresis" / "hysteresis.nc") as data:
+        text = reference.compared(registry.load("hysteresis"), data.isel(member=[0]), data)
+    count = data.sizes["member"]
+    assert text == f"not compared with the reference: it has {count} realisations, this result has 1"
 
 
 @pytest.mark.slow
