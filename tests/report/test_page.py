@@ -333,9 +333,12 @@ def test_in_a_browser(driver, folder, tmp_path):
     assert [*saved] == texts(f"{table} thead th")
     assert saved["loudness mm/s"].isna().all()
     assert len(saved) == cells.count("–")
+    assert set(texts(f"{own} .cell code span")) == {"--scheduler", "--out", "--fresh", "--set"}
     for pixels in (1200, 375):
         for colours in ("light", "dark"):
             check_for_everybody(driver, pixels, colours, {})
+    hidden = "const cell = document.querySelector('.cell'); return cell.scrollHeight - cell.clientHeight"
+    assert driver.execute_script(hidden) == 0  # a phone scrolls the page, not a box in it
     assert not driver.find_elements("css selector", "#injected")
     assert driver.get_log("browser") == []
     events = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]
