@@ -15,7 +15,7 @@ import xarray as xr
 import studies
 from studies import registry
 from studies.cli import execution, main
-from studies.gallery import fig5
+from studies.gallery import fig5, maps
 from tests import HOME
 
 FILES = ["results/fig5/fig5.nc", "results/fig5/fig5.png"]
@@ -88,6 +88,8 @@ def test_plan_computes_and_writes_nothing_and_takes_the_references_time(here, fo
     assert not calls
     assert "as the reference" not in here("plan", "fig5", "--time").stdout
     assert calls
+    plan = maps.plan("F=2:30:8", None, "velocity_rms", {"members": 4})[1]
+    assert "about 2 s on one core, as the reference took\n" in execution.estimated("map_motion", plan)[1]
     # Of the reference's 8.11 minutes a quarter of the points takes a quarter; so few are measured as too slow.
     plan = fig5.STUDY.sweep({"mu": np.linspace(0.0, 0.5, 576)}).plan()
     for seconds, text in ((np.nan, "about 2 min on one core, as the reference"), (300.0, "about 2 min"),
