@@ -104,7 +104,7 @@ class Parameter:
 def suggest(name: str, names: Any) -> str:
     """'did you mean ...? ' for a near miss, else nothing."""
     known = list(names)
-    near = [each for each in known if each.endswith(f"_{name}")] or difflib.get_close_matches(name, known, 1, 0.5)
+    near = [each for each in known if each.endswith(f"_{name}")] or difflib.get_close_matches(name, known, 1)
     return f"did you mean {' or '.join(near[:2])}? " if near else ""
 
 
