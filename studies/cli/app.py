@@ -9,7 +9,6 @@ from typing import Any
 
 import click
 
-from studies.cli.options import catalogue
 from studies.cli.output import FLAGS, show
 
 
@@ -38,17 +37,7 @@ VERBOSE = click.option("-v", "--verbose", **EAGER, callback=_set_flag, help="Wit
 QUIET = click.option("-q", "--quiet", **EAGER, callback=_set_flag, help="Only data and errors.")
 
 
-class Program(click.Group):
-    """The group of commands, which refuses a study in a command's place with what to write."""
-
-    def resolve_command(self, context: click.Context, args: list[str]) -> Any:
-        """Find the command by its name."""
-        if args[0] in catalogue() or args[0].endswith((".py", ".nc")):
-            raise click.UsageError(f"{args[0]} is no command; write: fiv run {args[0]}")
-        return super().resolve_command(context, args)
-
-
-@click.group(cls=Program, invoke_without_command=True, add_help_option=False)
+@click.group(invoke_without_command=True, add_help_option=False)
 @click.option("--version", **EAGER, callback=_print_version, help="Print version and commit, and exit.")
 @HELP
 @click.pass_context

@@ -32,10 +32,8 @@ def estimated(study: str, planned: Plan) -> tuple[Plan, str]:
     entry = {"seconds": nan, "points": 1} | catalogue().get(LIKE.get(study, study), {})
     members = planned.sweep.constants.get("members", 1) if study in LIKE else 1
     points = members * planned.requested_count * planned.todo / max(planned.distinct, 1)
-    seconds, advice = (
-        entry["seconds"] / entry["points"] * points,
-        "; fiv plan --time measures" * (study not in LIKE),
-    )
+    seconds = entry["seconds"] / entry["points"] * points
+    advice = "; fiv plan --time measures" * (study not in LIKE)
     if isnan(seconds) or planned.seconds <= seconds or planned.seconds >= FAR * seconds:
         return planned, repr(planned)
     planned = replace(planned, seconds=seconds)
