@@ -32,6 +32,8 @@ def test_run_prints_numbers_beside_the_papers_and_the_references(here, tmp_path)
     shutil.copytree(HOME / "results" / "reference", "results/reference", ignore=shutil.ignore_patterns("*.png"))
     done = here("query", "fig5", "--limit", "1")
     assert "results/fig5 has no result; this is the reference" in done.stderr
+    assert "--limit N prints fewer" not in done.stderr
+    assert re.search(r"fiv: \d{4} rows; --limit N prints fewer", here("query", "stick_time").stderr)
     done = here("run", "fig5", "--set", "mu=0:0.5:51")
     assert done.returncode == 0
     assert "0.1112" in done.stdout
