@@ -83,7 +83,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     bottom.plot(mu, growth.where(growth > 0.0), marker=marker, color=figures.RED)
     name_growing(bottom, float(mu[-1]), dataset["frequency"].values[-1], growth.values[-1])
     top.plot([], [], **STABLE)
-    top.set(ylim=(0.0, BAND / 1e3), ylabel="frequency / kHz")
+    top.set(ylim=(0.0, min(BAND / 1e3, max(0.1, 1.3 * float(frequency.max())))), ylabel="frequency / kHz")
     mark_onsets(top, dataset["onset_mu"].values, dataset["onset_frequency"].values, 1e3)
     papers = is_papers_point(dataset, theta=paper.THETA)
     claimed = np.array([onset for onset in paper.ONSETS if papers and onset[0] <= mu.max()]).reshape(-1, 2).T

@@ -167,6 +167,13 @@ def test_a_title_names_the_one_number_that_is_not_the_papers(rig, told):
     assert drawn(registry.load("fig5"), data)[""]._suptitle.get_text().endswith(f"5°{told}")
 
 
+def test_modes_fill_their_panel():
+    data = registry.load("fig5").sweep({"mu": [0.1, 0.2]}).plan().run("sync")
+    low = data.assign(frequency=0.25 * data["frequency"])
+    tops = [drawn(registry.load("fig5"), each)[""].axes[0].get_ylim()[1] for each in (data, low)]
+    assert tops == pytest.approx([10.0, 1.3e-3 * float(low["frequency"].max())])
+
+
 def test_a_result_with_fewer_realisations_is_not_compared_and_says_why():
     with xr.open_dataset(KEPT / "hysteresis" / "hysteresis.nc") as data:
         text = reference.compared(registry.load("hysteresis"), data.isel(member=[0]), data)
