@@ -65,10 +65,9 @@ def _code_of(problem: Exception) -> int:
     code, text = next((CODES[name] for name in CODES if name in names), INTERNAL), str(problem)
     if isinstance(problem, click.ClickException):
         code, text = 2, problem.format_message()
-        if (name := text.partition("No such command '")[2].partition("'")[0]) in catalogue() or name.endswith(
-            (".py", ".nc")
-        ):
-            text = f"{name} is no command; write: fiv run {name}"
+        if name := text.partition("No such command '")[2].partition("'")[0]:
+            study = name in catalogue() or name.endswith((".py", ".nc"))
+            text = f"{name} is no command; write: fiv run {name}" if study else f"{text} All of them: fiv --help"
         if "extra argument" in text and "=" in text:
             text += "; a value needs --set before it, or --fix for a map"
     elif isinstance(problem, MemoryError):

@@ -25,6 +25,7 @@ TABLES = {
 WRONG = [
     ("rnu fig5", "No such command 'rnu'. Did you mean 'run'?"),
     ("run fig55", "STUDY = 'fig55': no study has this name; did you mean fig5?"),
+    ("show fig5", "No such command 'show'. All of them: fiv --help"),
     ("fig5", "fig5 is no command; write: fiv run fig5"),
     ("run fig5 theta=8", "extra argument (theta=8); a value needs --set before it, or --fix for a map"),
     ("run fig5 --set young_modulus=210GPa", "did you mean p2_young_modulus or p1_young_modulus? it has mu,"),
