@@ -256,7 +256,8 @@ def _draw_curve(axes: Any, dataset: xr.Dataset, name: str, x: str, _: str) -> No
     if "regime" in dataset:
         planes.along(axes, xs, values, dataset["kind"].values, errors)
     else:
-        axes.errorbar(xs, values, errors, color=figures.BLUE, marker="o", markersize=3.0)
+        line = "" if name == "onset_frequency" else "-"  # that of another pair wherever it jumps
+        axes.errorbar(xs, values, errors, color=figures.BLUE, marker="o", markersize=3.0, linestyle=line)
     if name == "regime":
         axes.set_yticks(range(len(run.REGIMES)), run.REGIMES)
     elif name in THRESHOLDS:

@@ -47,6 +47,8 @@ def test_the_summary_has_ranges_in_a_readers_unit_and_counts_what_is_missing():
     study, data = mapped("theta=-5:5:3", None, "onset_frequency")
     text = summary.text(summary.parts(study, data))
     assert "2802 Hz, no value at 2 of 3 points." in text
+    # The lowest onset jumps from pair to pair, which no line joins.
+    assert runner.draw(study, data)[""].axes[0].lines[0].get_linestyle() == "None"
 
 
 def test_what_does_not_move_is_what_the_core_computes():
