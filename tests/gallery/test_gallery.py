@@ -160,7 +160,7 @@ def check_layout(figure):
 
 @pytest.mark.parametrize(
     ("rig", "told"),
-    [({}, ""), ({"p1_length": 0.06}, " (p1 length = 60 mm)"), ({"d1": 1.0, "d2": 0.0}, " (not the paper's rig)")],
+    [({}, ""), ({"p1_length": 0.06}, " (P1 length = 60 mm)"), ({"d1": 1.0, "d2": 0.0}, " (not the paper's rig)")],
 )
 def test_a_title_names_the_one_number_that_is_not_the_papers(rig, told):
     data = registry.load("fig5").sweep({"mu": [0.1, 0.2]} | rig).plan().run("sync")
