@@ -63,8 +63,8 @@ def rig_text(dataset: xr.Dataset) -> str:
     """The addition to a title of a result of another rig."""
     values, own = settings(dataset), "an own structure" if structure_in(dataset) else "not the paper's rig"
     other = [name for name, parameter in RIG.items() if values.get(name) != parameter.default]
-    if len(other) == 1 and other[0] in values and other[0] in dataset:
-        own = labels.named(other[0], dataset[other[0]])
+    if len(other) == 1 and other[0] in values:
+        own = labels.named(other[0], values[other[0]], RIG[other[0]].units)
     return f" ({own})" if other else ""
 
 
