@@ -61,8 +61,11 @@ def is_papers_point(dataset: xr.Dataset, **point: float) -> bool:
 
 def rig_text(dataset: xr.Dataset) -> str:
     """The addition to a title of a result of another rig."""
-    own = "an own structure" if structure_in(dataset) else "not the paper's rig"
-    return "" if is_papers_rig(dataset) else f" ({own})"
+    values, own = settings(dataset), "an own structure" if structure_in(dataset) else "not the paper's rig"
+    other = [name for name, parameter in RIG.items() if values.get(name) != parameter.default]
+    if len(other) == 1 and other[0] in values:
+        own = labels.named(other[0], values[other[0]], RIG[other[0]].units)
+    return f" ({own})" if other else ""
 
 
 def beside(dataset: xr.Dataset, claims: Sequence[Claim]) -> pd.DataFrame:

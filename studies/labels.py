@@ -35,7 +35,7 @@ def unit_of(array: xr.DataArray) -> tuple[str, float]:
 def title(name: str, array: xr.DataArray | None = None) -> str:
     """The name of a quantity for a reader: a symbol, or its name in words."""
     if array is None:
-        return SYMBOLS.get(name, name.replace("_", " "))
+        return SYMBOLS.get(name, re.sub("^p(?=[12] )", "P", name.replace("_", " ")))
     # Files have plain letters.
     text = str(array.attrs.get("long_name", name))
     return SYMBOLS.get(name) or re.sub(r"\b(mu|theta)\b", lambda found: SYMBOLS[found[1]], text)

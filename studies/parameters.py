@@ -103,8 +103,11 @@ class Parameter:
 
 def suggest(name: str, names: Any) -> str:
     """'did you mean ...? ' for a near miss, else nothing."""
-    near = difflib.get_close_matches(name, list(names), n=1, cutoff=0.5)
-    return f"did you mean {near[0]}? " if near else ""
+    known, cutoff = list(names), 0.5 if len(name) < 4 else 0.6
+    near = difflib.get_close_matches(name, known, 1, cutoff) + [
+        each for each in known if each.endswith(f"_{name}")
+    ]
+    return f"did you mean {' or '.join([*dict.fromkeys(near)][:2])}? " if near else ""
 
 
 def rig_numbers(rig: Rig) -> dict[str, Any]:

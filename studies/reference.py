@@ -60,10 +60,9 @@ def compared(study: Study, dataset: xr.Dataset, reference: xr.Dataset) -> str:
     """
     ours, theirs = (_constants(each) for each in (dataset, reference))
     differ = [name for name in ours if name in theirs and ours[name] != theirs[name]]
-    for dim in ("member",):
-        if dim in reference.sizes and dataset.sizes.get(dim) != reference.sizes[dim]:
-            counts = f"{reference.sizes[dim]} realisations, this result {dataset.sizes.get(dim, 1)}"
-            return f"not compared with the reference, which has {counts}"
+    own, runs = (each.sizes.get("member", 1) for each in (dataset, reference))
+    if "member" in reference.sizes and own != runs:
+        return f"not compared with the reference: it has {runs} realisations, this result has {own}"
     if differ or ours.keys() != theirs.keys():
         return ""
     # Entries without a coordinate, such as onsets, have partners only where there are as many.

@@ -65,7 +65,8 @@ def converted(spec: str, units: str, name: str = "it") -> str:
     if bears[-1] and not any(bears[:-1]):
         bears = [bears[-1]] * values
     if not all(bears[:values]) or any(bears[values:]):
-        raise InputError("each value must bear its unit, or the end that of all")
+        count = " (the count has none)" * (separator == ":")
+        raise InputError(f"write a unit at each value{count}, or once at the end for all")
     pairs = zip(map(finite, numbers[:values]), bears, strict=False)
     texts = [typed(convert(number, unit, units, name)) for number, unit in pairs]
     return head + separator.join([*texts, *numbers[values:]])
@@ -98,8 +99,8 @@ def _range(parts: list[str], *, logarithmic: bool) -> NDArray[Any]:
     start, stop, number = finite(parts[0]), finite(parts[1]), parts[2]
     if not (number.isascii() and number.isdigit() and 1 <= int(number) <= MOST_VALUES):
         raise InputError(f"count must be a whole number from 1 to {MOST_VALUES}, not {number!r}")
-    if int(number) == 1 and start != stop:
-        raise InputError("a count of 1 must have one end, not two")
+    if (int(number) == 1) != (start == stop):
+        raise InputError("two equal ends have a count of 1, two others a larger one")
     if not np.isfinite(stop - start):
         raise InputError("the ends must not be so far apart")
     if logarithmic and not (start > 0.0 and stop > 0.0):

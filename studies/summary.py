@@ -84,6 +84,13 @@ def fixed_text(study: Study, dataset: xr.Dataset) -> str:
     return f"At {', '.join(text)}." if text else f"{study.title}."
 
 
+def quantities(dataset: xr.Dataset) -> list[str]:
+    """Outputs with one number a point, without standard errors."""
+    kinds = {str(name): (array.dims, array.dtype.kind) for name, array in dataset.data_vars.items()}
+    names = [name for name, kind in kinds.items() if kind == (dataset["status"].dims, "f")]
+    return [name for name in names if name != "wall_time" and not name.endswith("_se")]
+
+
 def general(dataset: xr.Dataset) -> Iterator[Any]:
     """Quantiles of every variable with one number a point, and how they go with the parameters that vary."""
     import pandas as pd
@@ -91,26 +98,23 @@ def general(dataset: xr.Dataset) -> Iterator[Any]:
     dims = dataset["status"].dims
     done = dataset["status"] == DONE
     yield f"{int(done.sum())} of {done.size} points computed, along {', '.join(map(str, dims))}."
-    quantities = [
-        str(name)
-        for name, array in dataset.data_vars.items()
-        if array.dims == dims and array.dtype.kind == "f" and name != "wall_time" and not str(name).endswith("_se")
-    ]
-    rows = []
-    for name in quantities:
+    names, rows = quantities(dataset), []
+    for name in names:
         values = labels.readable(dataset[name].where(done)).values
         finite = values[np.isfinite(values)]
         low, middle, high = np.quantile(finite, (0.05, 0.5, 0.95)) if len(finite) else (np.nan,) * 3
         rows.append((f"{name} {labels.unit_of(dataset[name])[0]}".strip(), len(finite), low, middle, high))
     if rows:
         yield "Quantiles", pd.DataFrame(rows, columns=["quantity", "points", "5 %", "median", "95 %"])
+    else:
+        yield "No output has one number a point; fiv query prints them."
     varied = [
         str(n) for n, c in dataset.coords.items() if c.ndim and set(c.dims) <= set(dims) and c.dtype.kind == "f"
     ]
-    points = dataset[[*quantities]].where(done).to_dataframe().reset_index()
-    if varied and quantities and len(points) >= 8:
-        ranks = points[[*varied, *quantities]].rank()
-        table = ranks.corr().loc[quantities, varied].dropna(how="all").round(3)
+    points = dataset[names].where(done).to_dataframe().reset_index()
+    if varied and names and len(points) >= 8:
+        ranks = points[[*varied, *names]].rank()
+        table = ranks.corr().loc[names, varied].dropna(how="all").round(3)
         if len(table):
             yield "Rank correlations (Spearman)", table.rename_axis("quantity").reset_index()
 

@@ -7,9 +7,9 @@ import zlib
 UNREADABLE = (OSError, ValueError, KeyError, RuntimeError, EOFError, zipfile.BadZipFile, zlib.error)
 
 # What a user may do, as messages say it.
-FRESH = "start over with fresh (--fresh)"
+FRESH = "start over (--fresh)"
 OTHER = "choose another folder"
-ANEW = f"{FRESH}, or {OTHER} (--out)"
+ANEW = f"{OTHER} (--out), or {FRESH}"
 MOVE = f"move it away or {OTHER}"
 
 

@@ -30,13 +30,14 @@ LIKE, FAR = {"map_growth": "stability", "map_motion": "regimes"}, 10.0
 def estimated(study: str, planned: Plan) -> tuple[Plan, str]:
     """A plan and its report; with the time of the reference by points, unless an earlier run tells better."""
     entry = {"seconds": nan, "points": 1} | catalogue().get(LIKE.get(study, study), {})
-    seconds = (
-        entry["seconds"] / entry["points"] * planned.requested_count * planned.todo / max(planned.distinct, 1)
-    )
+    members = planned.sweep.constants.get("members", 1) if study in LIKE else 1
+    points = members * planned.requested_count * planned.todo / max(planned.distinct, 1)
+    seconds = entry["seconds"] / entry["points"] * points
+    advice = "; fiv plan --time measures" * (study not in LIKE)
     if isnan(seconds) or planned.seconds <= seconds or planned.seconds >= FAR * seconds:
         return planned, repr(planned)
     planned = replace(planned, seconds=seconds)
-    text = f"{about(seconds)}{' on one core' * (seconds >= 1.0)}, as the reference took; fiv plan --time measures"
+    text = f"{about(seconds)}{' on one core' * (seconds >= 1.0)}, as the reference took{advice}"
     return planned, re.sub(r"(?m)^(estimated time +).*$", lambda line: line[1] + text, repr(planned))
 
 

@@ -15,6 +15,7 @@ try:
 
     from studies.cli import compute, read, structure  # noqa: F401 - they add their commands
     from studies.cli.app import fiv
+    from studies.cli.options import catalogue
     from studies.cli.output import FLAGS, show, tell
 except KeyboardInterrupt:
     # In the first tenth of a second, before anything else can say so.
@@ -64,6 +65,11 @@ def _code_of(problem: Exception) -> int:
     code, text = next((CODES[name] for name in CODES if name in names), INTERNAL), str(problem)
     if isinstance(problem, click.ClickException):
         code, text = 2, problem.format_message()
+        if name := text.partition("No such command '")[2].partition("'")[0]:
+            study = name in catalogue() or name.endswith((".py", ".nc"))
+            text = f"{name} is no command; write: fiv run {name}" if study else f"{text} All of them: fiv --help"
+        if "extra argument" in text and "=" in text:
+            text += "; a value needs --set before it, or --fix for a map"
     elif isinstance(problem, MemoryError):
         code, text = 2, f"out of memory: {problem or 'nothing more could be allocated'}; take fewer values"
     elif isinstance(problem, RecursionError):

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 
 ONE = target("study", "[STUDY]", required=False)
+SCREEN = 100  # rows of a table that need no note
 
 
 @command("list", "Your results, and the studies: what each asks, its size and its time.", ONE, OUT)
@@ -172,6 +173,8 @@ def query(target: str, out: str | None, form: str, units: bool, **which: Any) ->
         frame = rows.select(results.open_dataset(file), note=lambda line: say(f"fiv: {line}"), **which)
         text = rows.text(frame, form, units)
     show(text, end="", raw=form != "table" and not sys.stdout.isatty())
+    if form == "table" and len(frame) > SCREEN and which["limit"] is None:
+        say(f"fiv: {len(frame)} rows; --limit N prints fewer, --where chooses")
 
 
 FORMS = click.Choice(["png", "svg", "pdf"])

@@ -58,10 +58,10 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     if not dataset.sizes["onset"]:
         yield f"Steady sliding is stable for mu from {ends}, modes below {BAND / 1e3:g} kHz."
         return
-    first = float(dataset["onset_mu"][0]), float(dataset["onset_frequency"][0])
+    first, count = (float(dataset["onset_mu"][0]), float(dataset["onset_frequency"][0])), dataset.sizes["onset"]
     yield (
         f"Steady sliding flutters from mu = {first[0]:.4f} on, at {first[1]:.0f} Hz; "
-        f"{dataset.sizes['onset']} onsets for mu from {ends}, modes below {BAND / 1e3:g} kHz."
+        f"{count} onset{'s' * (count > 1)} for mu from {ends}, modes below {BAND / 1e3:g} kHz."
     )
     yield "Flutter onsets", summary.frame(dataset, ["onset_mu", "onset_frequency"])
     near = dataset.sel(mu=paper.MU, method="nearest")
@@ -83,7 +83,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     bottom.plot(mu, growth.where(growth > 0.0), marker=marker, color=figures.RED)
     name_growing(bottom, float(mu[-1]), dataset["frequency"].values[-1], growth.values[-1])
     top.plot([], [], **STABLE)
-    top.set(ylim=(0.0, BAND / 1e3), ylabel="frequency / kHz")
+    top.set(ylim=(0.0, min(BAND / 1e3, max(0.1, 1.3 * float(frequency.max())))), ylabel="frequency / kHz")
     mark_onsets(top, dataset["onset_mu"].values, dataset["onset_frequency"].values, 1e3)
     papers = is_papers_point(dataset, theta=paper.THETA)
     claimed = np.array([onset for onset in paper.ONSETS if papers and onset[0] <= mu.max()]).reshape(-1, 2).T

@@ -164,7 +164,8 @@ def plan(
 def quantity_group(name: str) -> str:
     """The group of a quantity; an `InputError` suggests the nearest."""
     if name not in QUANTITIES:
-        raise InputError(f"--quantity {name}: {suggest(name, QUANTITIES)}it must be of {', '.join(QUANTITIES)}")
+        main = ", ".join(each for each in QUANTITIES if not each.endswith(("_se", "_std")))
+        raise InputError(f"--quantity {name}: there is none; {suggest(name, QUANTITIES)}choose from {main}")
     return QUANTITIES[name]
 
 
@@ -180,15 +181,17 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """The range of each quantity, how it was computed, and the values along one parameter."""
     names, x, y = arranged(dataset)
     for name in names:
-        values, units = labels.readable(dataset[name]), labels.label(dataset[name], long=True)
+        values, (unit, _) = labels.readable(dataset[name]), labels.unit_of(dataset[name])
         found = " to ".join(dict.fromkeys(labels.number(float(end)) for end in (values.min(), values.max())))
+        missing = int(values.isnull().sum())
+        found = f"{found} {unit}".rstrip() + f", no value at {missing} of {values.size} points" * bool(missing)
         if "flag_values" in values.attrs:
             words, counts = np.unique(labels.words(values), return_counts=True)
             shares = zip(words, 100.0 * counts / values.size, strict=True)
             found = ", ".join(f"{word} {share:.3g} %" for word, share in shares)
         elif name in THRESHOLDS:
             found += f", above {THRESHOLDS[name]:g} at {100.0 * float((values > THRESHOLDS[name]).mean()):.3g} %"
-        yield f"{units}: {found}."
+        yield f"{labels.title(name, dataset[name])}: {found}."
     yield " ".join([f"{dataset['status'].size} points.", *refinement_report(dataset)])
     if y is None:
         yield "Values", summary.frame(dataset, [x, *names, *(f"{n}_se" for n in names if f"{n}_se" in dataset)])
@@ -253,7 +256,8 @@ def _draw_curve(axes: Any, dataset: xr.Dataset, name: str, x: str, _: str) -> No
     if "regime" in dataset:
         planes.along(axes, xs, values, dataset["kind"].values, errors)
     else:
-        axes.errorbar(xs, values, errors, color=figures.BLUE, marker="o", markersize=3.0)
+        line = "" if name == "onset_frequency" else "-"  # that of another pair wherever it jumps
+        axes.errorbar(xs, values, errors, color=figures.BLUE, marker="o", markersize=3.0, linestyle=line)
     if name == "regime":
         axes.set_yticks(range(len(run.REGIMES)), run.REGIMES)
     elif name in THRESHOLDS:

@@ -206,7 +206,8 @@ def draw(dataset: xr.Dataset) -> Figure:
         vibrates = 0.8 * np.isin(theta, [*paper.ANGLES_MEASURED])
         strips.bar(height=vibrates, facecolor="white", hatch="//////", label="paper: vibrates", **bars)
     for k, (low, high) in enumerate(bounds):
-        place, text = (0.5 * (low + high), 1.25 + 0.5 * k), f"{low:.2f}° to {high:.2f}°"
+        less, more = "< " * bool(low <= theta[0]), "> " * bool(high >= theta[-1])
+        place, text = (0.5 * (low + high), 1.25 + 0.5 * k), f"{less}{low:.2f}° to {more}{high:.2f}°"
         strips.barh(place[1], high - low, 0.4, left=low, color="white", edgecolor=figures.GREY)
         hertz = f"{float(dataset['window_peak_frequency'][k]):.0f} Hz"
         strips.annotate(f"{text}, {hertz}", place, ha="center", va="center_baseline", fontsize=8.0)

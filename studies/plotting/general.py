@@ -13,6 +13,7 @@ from studies import labels
 from studies.motion.regimes import kinds
 from studies.plotting import figures, planes
 from studies.results import PATHS
+from studies.summary import quantities
 from sweeps import DONE
 
 if TYPE_CHECKING:
@@ -29,12 +30,18 @@ def draw(dataset: xr.Dataset) -> Figure:
     """The first quantities with one number a point, over the parameters that vary."""
     dims = [str(dim) for dim in dataset["status"].dims]
     done = dataset.where(dataset["status"] == DONE)
-    names = _quantities(dataset)[:MOST_DOWN]
+    names = [name for name in quantities(dataset) if np.isfinite(dataset[name]).any()][:MOST_DOWN]
     title = str(dataset.attrs.get("title", ""))
     if not names or not bool((dataset["status"] == DONE).any()):
         figure, (axes,) = figures.panels(1, 1, 12.0, 5.0)
         axes.axis("off")
-        axes.text(0.5, 0.5, "no point was computed" if names else "no quantity to draw", ha="center", va="center")
+        axes.text(
+            0.5,
+            0.5,
+            "no point was computed" if names else "no output has one number a point",
+            ha="center",
+            va="center",
+        )
         figure.suptitle(figures.fitted(title, 12.0))
         return figure
     if dims[0] in PATHS:
@@ -61,17 +68,6 @@ def draw(dataset: xr.Dataset) -> Figure:
     figures.legend_below(figure, panels, 3)
     figure.suptitle(figures.fitted(title, 14.0))
     return figure
-
-
-def _quantities(dataset: xr.Dataset) -> list[str]:
-    """Variables with one number a point, without standard errors."""
-    dims = dataset["status"].dims
-    return [
-        str(name)
-        for name, array in dataset.data_vars.items()
-        if array.dims == dims and array.dtype.kind == "f" and name != "wall_time" and not str(name).endswith("_se")
-        and bool(np.isfinite(array).any())
-    ]  # fmt: skip
 
 
 def _draw_planes(done: xr.Dataset, names: Sequence[str], x: str, others: Sequence[str], title: str) -> Figure:

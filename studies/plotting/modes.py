@@ -71,7 +71,7 @@ def mark_onsets(axes: Axes, mu: Any, hertz: Any, unit: float = 1.0) -> None:
     """Mark flutter onsets, in Hz, on an axis of frequency in `unit` Hz."""
     if len(mu):
         axes.plot(mu, np.divide(hertz, unit), "o", color=figures.BLUE, label="flutter onset, model", zorder=3)
-    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5}
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
     for at, each in zip(mu, hertz, strict=True):
         # Beside the unstable branch there is room below it, and above it near the bottom of the band.
         side, offset = ("top", -6) if each / unit > 0.1 * axes.get_ylim()[1] else ("bottom", 6)

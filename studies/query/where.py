@@ -55,6 +55,8 @@ def parse(text: str, argument: str, units: Mapping[Any, str]) -> ast.expr:
                 raise InputError(f"{start}: units cannot stand in --where; {advice}") from None
         alone = re.search(r"[^=!<>]=(?!=)", text)
         why = "to compare is ==" if alone else getattr(problem, "msg", "it cannot be read")
+        if re.search(r"\s(asc|desc)\w*$", text, re.IGNORECASE):
+            why = "a minus before the name sorts descending"
         raise InputError(f"{start}: {why}; {GRAMMAR}") from None
     for node in ast.walk(tree):
         if not isinstance(node, _ALLOWED) or not isinstance(getattr(node, "value", 0), (int, float, str)):
@@ -91,7 +93,8 @@ class Evaluator:
         except (RecursionError, OverflowError):
             raise InputError(f"{self.argument}: too many levels, or too large a number; {GRAMMAR}") from None
         if expected and kind(value) != expected:
-            raise self._wrong(node, f"it is {kind(value)}, and must be {expected}")
+            advice = "; compare it with a value, the whole in quotes: 'mu > 0.2'" * (expected == TRUTH)
+            raise self._wrong(node, f"it is {kind(value)}, and must be {expected}{advice}")
         # Whole numbers would overflow.
         return value.astype(float) if expected == NUMBER and isinstance(value, pd.Series) else value
 

@@ -224,7 +224,8 @@ class PlaneMap {
     }
     const pairs = points.columns.map((column) => [column.head, read(points.value(column, at), column.factor)]);
     const list = element("dl", {}, ...pairs.flatMap(([head, text]) => [element("dt", {}, head), element("dd", {}, text)]));
-    const code = points.command ? points.again(at).map((text) => element("pre", {}, element("code", {}, text))) : [];
+    const unbroken = (text) => text.split(/(--\w+)/).map((part, k) => (k % 2 ? element("span", {}, part) : part));
+    const code = points.command ? points.again(at).map((text) => element("pre", {}, element("code", {}, ...unbroken(text)))) : [];
     this.cell.replaceChildren(element("p", {}, points.scene), ...(code.length ? ["This point again:", ...code] : []), list);
     if (first) this.twin?.follow(this);
   }

@@ -270,7 +270,7 @@ def mixture(where: Any, environments: Sequence[Environment], strict: bool) -> st
     different = mixed(environments)
     line = f"{where}: not all points are computed in one environment: {different}" if different else ""
     if line and strict:
-        raise InputError(f"{line}; choose another folder, start over with fresh, or leave strict out")
+        raise InputError(f"{line}; choose another folder (--out), start over (--fresh), or leave strict out")
     return line
 
 

@@ -112,10 +112,10 @@ def report(dataset: xr.Dataset) -> list[str]:
         counts = ", ".join(f"{each['mispredicted']} of {each['computed']}" for each in levels)
         largest = ", ".join(_percent(each["largest"]) for each in levels)
         ending = "" if tolerance is None else f"; largest errors {largest} of the range"
-        lines.append(f"Mispredicted on successive levels: {counts} computed points{ending}.")
+        lines.append(f"Interpolation would have missed {counts} points computed on successive levels{ending}.")
     if count := errors["exhausted"]:
         within = ", ".join(f"{dim} {low:.4g} to {high:.4g}" for dim, (low, high) in errors["within"].items())
-        lines.append(f"Refinement ran out at {count} points of the finest level ({within}).")
+        lines.append(f"The last level was still off at {count} points ({within}); a further one halves there.")
     return lines
 
 

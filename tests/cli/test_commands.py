@@ -15,7 +15,7 @@ import xarray as xr
 import studies
 from studies import registry
 from studies.cli import execution, main
-from studies.gallery import fig5
+from studies.gallery import fig5, maps
 from tests import HOME
 
 FILES = ["results/fig5/fig5.nc", "results/fig5/fig5.png"]
@@ -32,6 +32,8 @@ def test_run_prints_numbers_beside_the_papers_and_the_references(here, tmp_path)
     shutil.copytree(HOME / "results" / "reference", "results/reference", ignore=shutil.ignore_patterns("*.png"))
     done = here("query", "fig5", "--limit", "1")
     assert "results/fig5 has no result; this is the reference" in done.stderr
+    assert "--limit N prints fewer" not in done.stderr
+    assert re.search(r"fiv: \d{4} rows; --limit N prints fewer", here("query", "stick_time").stderr)
     done = here("run", "fig5", "--set", "mu=0:0.5:51")
     assert done.returncode == 0
     assert "0.1112" in done.stdout
@@ -88,6 +90,8 @@ def test_plan_computes_and_writes_nothing_and_takes_the_references_time(here, fo
     assert not calls
     assert "as the reference" not in here("plan", "fig5", "--time").stdout
     assert calls
+    plan = maps.plan("F=2:30:8", None, "velocity_rms", {"members": 4})[1]
+    assert "about 2 s on one core, as the reference took\n" in execution.estimated("map_motion", plan)[1]
     # Of the reference's 8.11 minutes a quarter of the points takes a quarter; so few are measured as too slow.
     plan = fig5.STUDY.sweep({"mu": np.linspace(0.0, 0.5, 576)}).plan()
     for seconds, text in ((np.nan, "about 2 min on one core, as the reference"), (300.0, "about 2 min"),
@@ -108,7 +112,7 @@ def test_stored_points_are_not_computed_again_and_other_settings_are_refused(her
     assert "points        11" in here("status", "fig5").stdout
     done = here(*THREE, "--set", "theta=8", "-q")
     assert done.returncode == 3
-    assert "theta = 5.0 there, 8.0 here; start over with fresh (--fresh), or choose another folder" in done.stderr
+    assert "theta = 5.0 there, 8.0 here; choose another folder (--out), or start over (--fresh)" in done.stderr
     fresh = here(*THREE, "--set", "theta=8", "--fresh", "-q")
     assert (fresh.returncode, fresh.stderr) == (0, "")
     assert "θ = 8°" in fresh.stdout

@@ -25,6 +25,10 @@ TABLES = {
 WRONG = [
     ("rnu fig5", "No such command 'rnu'. Did you mean 'run'?"),
     ("run fig55", "STUDY = 'fig55': no study has this name; did you mean fig5?"),
+    ("show fig5", "No such command 'show'. All of them: fiv --help"),
+    ("fig5", "fig5 is no command; write: fiv run fig5"),
+    ("run fig5 theta=8", "extra argument (theta=8); a value needs --set before it, or --fix for a map"),
+    ("run fig5 --set young_modulus=210GPa", "did you mean p2_young_modulus or p1_young_modulus? it has mu,"),
     ("run fig5 --sett theta=8", "'--set'"),
     ("run fig5 --set tehta=8", "tehta: study fig5 has no such parameter; did you mean theta?"),
     ("run fig5 --set mu=-0.2", "mu = -0.2: it must be a number from 0 to"),
@@ -32,7 +36,10 @@ WRONG = [
     ("run fig5 --set p1_length=50 --strict", "p1_length = 50 m is unusual: 0.005 to 2 m is usual; mm without"),
     ("run scenes --set V=0", "V = 0: the drive must move; usual are 1e-07 to 0.5 m/s"),
     ("run scenes --set mu_static=0.3", "friction falls with the speed by kinetic_ratio"),
-    ("plan scenes --record velocity", "record = 'velocity': no such series; did you mean velocity_B?"),
+    (
+        "plan scenes --record velocity",
+        "record = 'velocity': no such series; did you mean velocity_B or slip_velocity?",
+    ),
     ("plan fig5 --samples 4", "--samples 4: it is for draws; give a distribution with --scatter"),
     ("plan fig5 --scatter mu=0.2", "--scatter 'mu=0.2': it must be NAME=DIST, for example"),
     ("plan fig5 --points semi.csv", "its columns are separated by ';'; separate them by commas"),

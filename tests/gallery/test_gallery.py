@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from studies import claims, paper, registry, runner, summary
+from studies import claims, paper, reference, registry, runner, summary
 from studies.accuracy.study import COSTS
 from studies.plotting import figures
 from sweeps.storage.assemble import rounded
@@ -156,6 +156,29 @@ def check_layout(figure):
         names, box = [text.get_text() for text in legend.get_texts()], legend.get_window_extent()
         assert len(set(names)) == len(names)
         assert whole.x0 <= box.x0 < box.x1 <= whole.x1, names
+
+
+@pytest.mark.parametrize(
+    ("rig", "told"),
+    [({}, ""), ({"p1_length": 0.06}, " (P1 length = 60 mm)"), ({"d1": 1.0, "d2": 0.0}, " (not the paper's rig)")],
+)
+def test_a_title_names_the_one_number_that_is_not_the_papers(rig, told):
+    data = registry.load("fig5").sweep({"mu": [0.1, 0.2]} | rig).plan().run("sync")
+    assert drawn(registry.load("fig5"), data)[""]._suptitle.get_text().endswith(f"5°{told}")
+
+
+def test_modes_fill_their_panel():
+    data = registry.load("fig5").sweep({"mu": [0.1, 0.2]}).plan().run("sync")
+    low = data.assign(frequency=0.25 * data["frequency"])
+    tops = [drawn(registry.load("fig5"), each)[""].axes[0].get_ylim()[1] for each in (data, low)]
+    assert tops == pytest.approx([10.0, 1.3e-3 * float(low["frequency"].max())])
+
+
+def test_a_result_with_fewer_realisations_is_not_compared_and_says_why():
+    with xr.open_dataset(KEPT / "hysteresis" / "hysteresis.nc") as data:
+        text = reference.compared(registry.load("hysteresis"), data.isel(member=[0]), data)
+    count = data.sizes["member"]
+    assert text == f"not compared with the reference: it has {count} realisations, this result has 1"
 
 
 @pytest.mark.slow

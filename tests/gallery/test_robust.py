@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, flutter_onsets
-from studies import summary
+from studies import runner, summary
 from studies.gallery.robust import STUDY
 from studies.uncertainty import USUAL, parse
 
@@ -56,12 +56,14 @@ def test_total_indices_name_the_parameters_with_most_of_the_variance(result):
     sentence = next(STUDY.summary(result))
     assert "from mu = 0.1112 on, 2802 Hz" in sentence
     assert "Young's modulus of P2" in sentence
+    assert all(axes.get_legend() is None for axes in runner.draw(STUDY, result)[""].axes)  # none lies on data
 
 
 def test_another_nominal_rig_has_a_summary():
     data = STUDY.sweep(SMALL | {"p1_length": 0.06}).plan().run("sync")
     assert data["p1_length"].dims == ("sample",)
-    assert "p1 length = 60 mm" in summary.text(summary.parts(STUDY, data), 100)
+    assert "P1 length = 60 mm" in summary.text(summary.parts(STUDY, data), 100)
+    assert "P1 length = 60 mm" in runner.draw(STUDY, data)[""]._suptitle.get_text()
 
 
 @pytest.mark.parametrize(

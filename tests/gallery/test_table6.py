@@ -44,6 +44,11 @@ def test_the_rig_vibrates_where_a_mode_is_unstable_and_nowhere_else(angles):
     np.testing.assert_allclose(angles["mode_growth_rate"].values[~unstable], -0.5 * Rig().d1, rtol=1e-3)
 
 
+def test_the_figure_says_where_an_interval_goes_on_beyond_the_range(computed):
+    texts = runner.draw(STUDY, computed(theta=[0.0, 5.0]))[""].axes[-1].texts
+    assert texts[-1].get_text() == "0.62° to > 5.00°, 2794 Hz"
+
+
 def test_unstable_pairs_and_intervals_are_those_of_the_stability_analysis(angles):
     at = angles.sel(theta=5.0)
     np.testing.assert_allclose(at["frequency"][:2], [398.0, 2794.0], atol=1.0)

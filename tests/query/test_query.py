@@ -106,6 +106,7 @@ REFUSED = [
     ({"sort": "a, "}, "sort = 'a, ': it must be columns"),
     ({"by": []}, "by = []: it must be columns"),
     ({"show": "a,b +"}, "show = 'b +': invalid syntax"),
+    ({"sort": "size DESC"}, "sort = 'size DESC': a minus before the name sorts descending"),
     ({"sort": "-knd"}, "sort = 'knd': no such column; did you mean kind?"),
     ({"show": "a, -kind"}, "show = 'kind': it is a text, and must be a number"),
     ({"by": "a", "show": "size"}, "show = 'size': with by it is count, or mean, std"),

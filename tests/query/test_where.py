@@ -75,7 +75,7 @@ REFUSED = {
     "a == (1, 2)": "a list can only stand after in",
     "a in (1)": "where = '1': in needs a list, like (0.1, 0.2)",
     "a in b": "where = 'b': in needs a list",
-    "a": "where = 'a': it is a number, and must be true or false",
+    "a": "it is a number, and must be true or false; compare it with a value, the whole in quotes: 'mu > 0",
     "not kind": "where = 'kind': it is a text, and must be true or false",
     "kind * 2 == 2": "where = 'kind': it is a text, and must be a number",
     "(a == 1) + 1 == 2": "where = 'a == 1': it is true or false, and must be a number",

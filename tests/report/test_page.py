@@ -11,7 +11,6 @@ import time
 from base64 import b64decode
 from collections import defaultdict
 from html import unescape
-from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,9 +26,9 @@ from studies.request import Request, assignment
 from studies.study import Parameter, Study
 from sweeps import Axis, InputError, open_results
 from tests import HOME
+from tests.helpers import browser
 
 MARKUP = "<b id=injected>loud</b></script>"
-FLAGS = ("headless", "no-sandbox", "disable-gpu", "disable-background-networking", "disable-dev-shm-usage")
 
 
 def loudness(V, mu, F):
@@ -257,31 +256,19 @@ def test_refusals(folder, tmp_path):
 
 @pytest.fixture
 def driver(tmp_path):
-    """A headless Chromium of the system with a new profile, which saves into `tmp_path`."""
-    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed; it is in fiv[test]")
-    chromium, own = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
-    if not (chromium and own):
+    """A Chromium of the system, which saves into `tmp_path`."""
+    pytest.importorskip("selenium", reason="selenium is not installed; it is in fiv[test]")
+    if None in browser.programs():
         pytest.skip("Chromium or its driver is missing; try: apt-get install chromium chromium-driver")
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for flag in (*FLAGS, f"user-data-dir={tmp_path / 'profile'}"):
-        options.add_argument(f"--{flag}")
-    options.add_experimental_option("prefs", {"download.default_directory": str(tmp_path)})
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    with webdriver.Chrome(options, webdriver.ChromeService(executable_path=own)) as driver:
+    with browser.chromium(tmp_path) as driver:
         yield driver
 
 
 def check_for_everybody(driver, pixels, colours, rules):
     """Nothing is wider than the window, and axe-core finds nothing wrong."""
-    size = {"width": pixels, "height": 900, "deviceScaleFactor": 1, "mobile": pixels < 500}
-    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-    scheme = {"features": [{"name": "prefers-color-scheme", "value": colours}]}
-    driver.execute_cdp_cmd("Emulation.setEmulatedMedia", scheme)
+    browser.resize(driver, pixels, 900, colours)
     assert driver.execute_script("return document.documentElement.scrollWidth") <= pixels
-    if package := find_spec("axe_playwright_python"):  # it brings axe-core along; its import would need Playwright
-        driver.set_script_timeout(120.0)
-        driver.execute_script(Path(package.origin).with_name("axe.min.js").read_text("utf-8"))
+    if browser.load_axe(driver):
         check = "axe.run({ rules: arguments[0] }).then(({ violations }) => arguments[1](violations))"
         found = driver.execute_async_script(check, rules)
         assert [(each["id"], each["nodes"][0]["html"]) for each in found] == []
@@ -346,9 +333,12 @@ def test_in_a_browser(driver, folder, tmp_path):
     assert [*saved] == texts(f"{table} thead th")
     assert saved["loudness mm/s"].isna().all()
     assert len(saved) == cells.count("–")
+    assert set(texts(f"{own} .cell code span")) == {"--scheduler", "--out", "--fresh", "--set"}
     for pixels in (1200, 375):
         for colours in ("light", "dark"):
             check_for_everybody(driver, pixels, colours, {})
+    hidden = "const cell = document.querySelector('.cell'); return cell.scrollHeight - cell.clientHeight"
+    assert driver.execute_script(hidden) == 0  # a phone scrolls the page, not a box in it
     assert not driver.find_elements("css selector", "#injected")
     assert driver.get_log("browser") == []
     events = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]

@@ -66,6 +66,7 @@ def test_a_draw_that_fails_leaves_the_others_and_all_have_a_summary_and_a_figure
     text = summary.text(summary.parts(registry.load("fig5"), data), 100)
     assert f"{16 - beyond.sum()} of 16 points" in text
     assert "contact_position" in text
+    assert "No output has one number a point; fiv query prints them." in text
     assert runner.draw(registry.load("fig5"), data)[""].axes
 
 

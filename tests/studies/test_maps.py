@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene, flutter_onsets, glued_frequencies, painleve_mu, sliding_modes
-from studies import registry, results, runner
+from studies import registry, results, runner, summary
 from studies.gallery import maps
 from studies.motion import ensemble, run
 from studies.motion.jobs import run_all
@@ -41,6 +41,14 @@ def test_the_refined_stability_boundary_is_that_of_the_full_grid():
         assert np.all(distances(one, other) <= 1.0)
     np.testing.assert_allclose(growth[computed], full[computed], rtol=1e-3, atol=1e-3)
     assert np.mean(np.abs(growth - full) > 0.02 * np.ptp(full)) < 0.002
+
+
+def test_the_summary_has_ranges_in_a_readers_unit_and_counts_what_is_missing():
+    study, data = mapped("theta=-5:5:3", None, "onset_frequency")
+    text = summary.text(summary.parts(study, data))
+    assert "2802 Hz, no value at 2 of 3 points." in text
+    # The lowest onset jumps from pair to pair, which no line joins.
+    assert runner.draw(study, data)[""].axes[0].lines[0].get_linestyle() == "None"
 
 
 def test_what_does_not_move_is_what_the_core_computes():
@@ -126,7 +134,8 @@ def test_every_map_has_its_figure_and_nothing_is_clipped(case):
 @pytest.mark.parametrize(
     ("how", "message"),
     [
-        ({"quantities": "growth"}, "--quantity growth: did you mean growth_rate"),
+        ({"quantities": "growth"}, "--quantity growth: there is none; did you mean growth_rate"),
+        ({"quantities": "loudness"}, "--quantity loudness: there is none; choose from growth_rate"),
         ({"quantities": "regime,onset_mu"}, "motion and onset are groups"),
         ({"x": "thata=0:10:3"}, "--x thata: growth_rate does not depend on it; did you mean theta"),
         ({"quantities": "onset_mu"}, "--y mu: onset_mu does not depend on it"),

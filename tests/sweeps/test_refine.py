@@ -153,7 +153,7 @@ def test_a_file_records_how_wrong_its_interpolated_points_are(path):
     share, levels, end = refinement_report(data)
     assert share.startswith(f"{record['interpolated']} points are interpolated. An estimated ")
     assert f" {first['mispredicted']} of {first['computed']}, " in levels
-    assert f" {record['exhausted']} points of the finest level (x -0." in end
+    assert f" {record['exhausted']} points (x -0." in end
     unknown = json.dumps(record | {"levels": [], "estimated_share": None, "exhausted": 0})
     assert "is not known" in "".join(refinement_report(data.assign_attrs(refinement=unknown)))
     assert "in another class" in refinement_report(refine(hills(), path.with_name("kind.nc"), "sync"))[0]

@@ -87,7 +87,7 @@ OTHERS = [
 @pytest.mark.parametrize(("other", "message"), OTHERS)
 def test_other_draws_are_refused(path, other, message):
     sweep(8).plan(path).run("sync")
-    with pytest.raises(StoreError, match=r"start over with fresh \(--fresh\)") as refused:
+    with pytest.raises(StoreError, match=r"start over \(--fresh\)") as refused:
         other.plan(path)
     assert message in str(refused.value)
     assert other.plan(path, fresh=True).todo == 8
@@ -97,7 +97,9 @@ def test_a_processor_with_other_draws_is_refused(path, monkeypatch):
     sweep(8).plan(path).run("sync")
     right = samples.quantiles
     monkeypatch.setattr(samples, "quantiles", lambda *given: right(*given) * (1.0 + 1e-11))
-    with pytest.raises(StoreError, match=r"has other points: x = .* there, .* here, at sample = 0; start over"):
+    with pytest.raises(
+        StoreError, match=r"has other points: x = .* there, .* here, at sample = 0; choose another"
+    ):
         sweep(12).plan(path)
 
 

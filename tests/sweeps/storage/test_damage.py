@@ -130,7 +130,7 @@ def attempts(path):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda path: flip(path, 8 * 60), "manifest and its copy are damaged, .*; start over with fresh"),
+        (lambda path: flip(path, 8 * 60), "manifest and its copy are damaged, .*or start over"),
         (other_version, "is of another version of sweeps; finish the run with that version, or"),
     ],
 )
