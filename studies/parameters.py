@@ -102,8 +102,9 @@ class Parameter:
 
 
 def suggest(name: str, names: Any) -> str:
-    """'did you mean ...? ' for a near miss, else nothing."""
-    near = difflib.get_close_matches(name, list(names), n=1, cutoff=0.5)
+    """'did you mean ...? ' for a near miss, one letter of two too, or a part of a name; else nothing."""
+    near = difflib.get_close_matches(name, list(names), n=1, cutoff=0.6 if len(name) > 2 else 0.5)
+    near = near or [each for each in names if len(name) > 2 and name in each]
     return f"did you mean {near[0]}? " if near else ""
 
 

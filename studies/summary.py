@@ -102,7 +102,7 @@ def general(dataset: xr.Dataset) -> Iterator[Any]:
         finite = values[np.isfinite(values)]
         low, middle, high = np.quantile(finite, (0.05, 0.5, 0.95)) if len(finite) else (np.nan,) * 3
         rows.append((f"{name} {labels.unit_of(dataset[name])[0]}".strip(), len(finite), low, middle, high))
-    if rows:
+    if rows and done.any():
         yield "Quantiles", pd.DataFrame(rows, columns=["quantity", "points", "5 %", "median", "95 %"])
     varied = [
         str(n) for n, c in dataset.coords.items() if c.ndim and set(c.dims) <= set(dims) and c.dtype.kind == "f"

@@ -58,10 +58,10 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     if not dataset.sizes["onset"]:
         yield f"Steady sliding is stable for mu from {ends}, modes below {BAND / 1e3:g} kHz."
         return
-    first = float(dataset["onset_mu"][0]), float(dataset["onset_frequency"][0])
+    first, count = (float(dataset["onset_mu"][0]), float(dataset["onset_frequency"][0])), dataset.sizes["onset"]
     yield (
         f"Steady sliding flutters from mu = {first[0]:.4f} on, at {first[1]:.0f} Hz; "
-        f"{dataset.sizes['onset']} onsets for mu from {ends}, modes below {BAND / 1e3:g} kHz."
+        f"{count} onset{'s' * (count > 1)} for mu from {ends}, modes below {BAND / 1e3:g} kHz."
     )
     yield "Flutter onsets", summary.frame(dataset, ["onset_mu", "onset_frequency"])
     near = dataset.sel(mu=paper.MU, method="nearest")

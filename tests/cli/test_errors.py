@@ -32,6 +32,8 @@ WRONG = [
     ("run fig5 --set p1_length=50 --strict", "p1_length = 50 m is unusual: 0.005 to 2 m is usual; mm without"),
     ("run scenes --set V=0", "V = 0: the drive must move; usual are 1e-07 to 0.5 m/s"),
     ("run scenes --set mu_static=0.3", "friction falls with the speed by kinetic_ratio"),
+    ("run scenes --set intial=slip", "scenes has no such parameter; it has V, theta, mu"),
+    ("run raising", "no study has this name; did you mean raising.py? give the file"),
     ("plan scenes --record velocity", "record = 'velocity': no such series; did you mean velocity_B?"),
     ("plan fig5 --samples 4", "--samples 4: it is for draws; give a distribution with --scatter"),
     ("plan fig5 --scatter mu=0.2", "--scatter 'mu=0.2': it must be NAME=DIST, for example"),
