@@ -102,11 +102,11 @@ class Parameter:
 
 
 def suggest(name: str, names: Any) -> str:
-    """'did you mean ...? ' for a near miss, else nothing."""
-    known, cutoff = list(names), 0.5 if len(name) < 4 else 0.6
-    near = difflib.get_close_matches(name, known, 1, cutoff) + [
-        each for each in known if each.endswith(f"_{name}")
-    ]
+    """'did you mean ...? ' for a near miss, one letter of two too, or a part of a name; else nothing."""
+    known, long = list(names), len(name) > 2
+    near = difflib.get_close_matches(name, known, 1, 0.6 if long else 0.5)
+    near += [each for each in known if each.endswith(f"_{name}")]
+    near = near or [each for each in known if long and name in each]
     return f"did you mean {' or '.join([*dict.fromkeys(near)][:2])}? " if near else ""
 
 

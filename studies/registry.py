@@ -29,8 +29,9 @@ NAMES = (
 ELSEWHERE = {"accuracy": "studies.accuracy.study", "stress": "studies.stress.study"}
 GROUP = "fiv.studies"
 CATALOGUE = Path(__file__).with_name("catalogue.json")
-# Studies of users in this process, by name.
+# Studies of users in this process, and the files which were typed for them, by name.
 _registered: dict[str, Study] = {}
+_files: dict[str, str] = {}
 
 
 @cache
@@ -79,7 +80,13 @@ def register(study: Study, where: str = "name") -> Study:
     if not re.fullmatch(r"\w[\w-]*", study.name) or study.name in (REFERENCE, MAPS):
         raise InputError(f"{where}: a study cannot be called {study.name!r}; use letters, digits, _ and -")
     _registered[study.name] = study
+    _files.update({study.name: where} if is_script(where) else {})
     return study
+
+
+def typed(name: str) -> str | None:
+    """What one types for a study: its name, or the file of one's own; None if that is unknown."""
+    return name if name in names() else _files.get(name)
 
 
 def load(name: str) -> Study:
@@ -111,7 +118,8 @@ def load(name: str) -> Study:
         if name.removeprefix(f"{MAPS}_") in maps.STUDIES:
             found: Study = maps.STUDIES[name.removeprefix(f"{MAPS}_")]
             return found
+    near = f"did you mean {name}.py? " if Path(f"{name}.py").is_file() else suggest(str(name), names())
     raise InputError(
-        f"STUDY = {name!r}: no study has this name; {suggest(str(name), names())}"
-        f"the studies are {', '.join(names())}; give the path of a file, FILE.py, for your own"
+        f"STUDY = {name!r}: no study has this name; {near}give the file of your own, FILE.py, or one of "
+        f"{', '.join(names())}"
     )

@@ -91,13 +91,12 @@ def plan(
     # A value with its unit lacks none.
     lines = [line.partition("; ")[0] if request.bears_unit(line.partition(" ")[0]) else line for line in lines]
     remark = warn_unusual(lines, strict=strict)
-    # A study of a user's file has no command for one of its points.
-    named, rig = one.name in registry.NAMES, file if request.structure else None
+    typed_study, rig = registry.typed(one.name), file if request.structure else None
     sweep = replace(
         sweep,
         request={**sweep.request, **request.stored()},
         remark=remark,
-        rerun=partial(rerun, one.name, dict(values), rig=rig) if named else None,
+        rerun=partial(rerun, typed_study, dict(values), rig=rig) if typed_study else None,
     )
     return sweep.plan(file, fresh=fresh, retry_failed=retry_failed, strict=strict)
 

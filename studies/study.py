@@ -539,6 +539,8 @@ def _padded(value: Any, count: int, shape: tuple[int, ...] | None) -> Any:
     if shape is None:
         return value
     values = np.asarray(value)
+    if not values.ndim:
+        return values.reshape(1) if count == 1 else values  # the engine then asks for one point at a time
     if len(values) == 1 < count:
         # All points of the call have the same parameters, those of a table repeat.
         values = np.repeat(values, count, axis=0)

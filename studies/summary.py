@@ -104,7 +104,7 @@ def general(dataset: xr.Dataset) -> Iterator[Any]:
         finite = values[np.isfinite(values)]
         low, middle, high = np.quantile(finite, (0.05, 0.5, 0.95)) if len(finite) else (np.nan,) * 3
         rows.append((f"{name} {labels.unit_of(dataset[name])[0]}".strip(), len(finite), low, middle, high))
-    if rows:
+    if rows and done.any():
         yield "Quantiles", pd.DataFrame(rows, columns=["quantity", "points", "5 %", "median", "95 %"])
     else:
         yield "No output has one number a point; fiv query prints them."

@@ -33,7 +33,7 @@ class Snapshot:
     todo, done, failed : int
         Computations that the run requests, finished ones, also of earlier runs, and this run's that failed.
     elapsed, rate, left : float
-        s since the run began; computations a second, at first the plan's; time to the end, s, NaN if unknown.
+        s since the run began; computations a second, 0 until measured; s to the end, at first the plan's, or NaN.
     now, stopping : tuple of str, bool
         The batches that are being computed; whether the run only finishes those that have begun.
     """
@@ -87,9 +87,9 @@ class Monitor:
         now = time.monotonic()
         elapsed, counted = max(now - self._begun, 1e-9), now - self._since[1]
         rate = (self.done - self._since[0]) / max(counted, INTERVAL) or (self.done - self._cached) / elapsed
-        if self.rate > 0.0 and (counted < INTERVAL or self.done == self._cached):
-            rate = self.rate
         left = (self.todo - self.done) / rate if rate > 0.0 else math.nan
+        if self.rate > 0.0 and (counted < INTERVAL or self.done == self._cached):
+            rate, left = 0.0, (self.todo - self.done) / self.rate
         batches = tuple(islice(self._now.values(), SHOWN))
         return Snapshot(self.todo, self.done, self.failed, elapsed, rate, left, batches, self.stopping)
 

@@ -36,9 +36,10 @@ def list_studies(study: str | None, out: str | None) -> None:
     """  # noqa: D301 - the backspace tells click to keep the lines
     known, rows, description = catalogue(), list[tuple[str, str]](), ""
     if not study and not FLAGS["quiet"] and result_names(out) and (own := _rows(out)):
-        from studies.results import results_folder
+        from studies.results import reference_folder, results_folder
 
-        heads = f"Your results in {results_folder(out)}:", "Studies; query, plot and report show their reference:"
+        shown = "; query, plot and report show their reference" if reference_folder(out).is_dir() else ""
+        heads = f"Your results in {results_folder(out)}:", f"Studies{shown}:"
         show(f"{heads[0]}\n{_table(own)}\n\n{heads[1]}")
     for name in [study] if study else known:
         entry = known.get(name, {})

@@ -35,13 +35,8 @@ def draw(dataset: xr.Dataset) -> Figure:
     if not names or not bool((dataset["status"] == DONE).any()):
         figure, (axes,) = figures.panels(1, 1, 12.0, 5.0)
         axes.axis("off")
-        axes.text(
-            0.5,
-            0.5,
-            "no point was computed" if names else "no output has one number a point",
-            ha="center",
-            va="center",
-        )
+        why = "no point was computed" if names else "no output has one number a point"
+        axes.text(0.5, 0.5, why, ha="center", va="center")
         figure.suptitle(figures.fitted(title, 12.0))
         return figure
     if dims[0] in PATHS:

@@ -55,6 +55,7 @@ def parse(text: str, argument: str, units: Mapping[Any, str]) -> ast.expr:
                 raise InputError(f"{start}: units cannot stand in --where; {advice}") from None
         alone = re.search(r"[^=!<>]=(?!=)", text)
         why = "to compare is ==" if alone else getattr(problem, "msg", "it cannot be read")
+        why = "units cannot stand in --where" if _QUANTITY.search(text) else why
         if re.search(r"\s(asc|desc)\w*$", text, re.IGNORECASE):
             why = "a minus before the name sorts descending"
         raise InputError(f"{start}: {why}; {GRAMMAR}") from None

@@ -143,6 +143,7 @@ def test_failed_points_are_listed_once_and_exit_1(here, own):
     assert done.returncode == 1
     assert done.stdout.count("ValueError: two is too much") == 1
     assert "2 of 6 points failed" in done.stdout
+    assert "again with: fiv run own.py --set x=2" in done.stderr
     assert here("run", "own.py", "--set", "x=1,2,3", "-q").returncode == 1
     all_failed = here("run", "own.py", "--set", "x=2", "--out", "two", "-q")
     assert (all_failed.returncode, all_failed.stdout.count("two is too much")) == (1, 1)

@@ -36,6 +36,8 @@ WRONG = [
     ("run fig5 --set p1_length=50 --strict", "p1_length = 50 m is unusual: 0.005 to 2 m is usual; mm without"),
     ("run scenes --set V=0", "V = 0: the drive must move; usual are 1e-07 to 0.5 m/s"),
     ("run scenes --set mu_static=0.3", "friction falls with the speed by kinetic_ratio"),
+    ("run scenes --set intial=slip", "scenes has no such parameter; it has V, theta, mu"),
+    ("run raising", "no study has this name; did you mean raising.py? give the file"),
     (
         "plan scenes --record velocity",
         "record = 'velocity': no such series; did you mean velocity_B or slip_velocity?",

@@ -123,10 +123,10 @@ def test_studies_are_loaded_without_matplotlib():
     [
         ("fivcore", (".py",), 9990),
         ("sweeps", (".py",), 4510),
-        ("studies", (".py",), 12_265),
+        ("studies", (".py",), 12_290),
         ("studies", (".js", ".css", ".j2"), 510),
         ("tests/sweeps", (".py",), 2950),
-        ("tests", (".py",), 17_940),
+        ("tests", (".py",), 17_990),
     ],
 )
 def test_code_stays_within_its_bounds(folder, suffixes, lines):

@@ -91,7 +91,7 @@ REFUSED = {
     "zzz == 1": "no such column; it has a, b, name,",
     "a == 2mm/s and b > 0": "units cannot stand in --where; a is in m/s: write a == 0.002",
     "a == 2kg": "kg is a mass; a is a speed",
-    "share == 2kg": "invalid decimal literal",
+    "share == 2kg": "units cannot stand in --where; it may have",
     "a == 2 and b = 3": "to compare is ==",
 }
 

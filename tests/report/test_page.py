@@ -186,13 +186,15 @@ def watched(tmp_path, monkeypatch):
     """Watches a result, and calls a step with the page's address at each pause, until there is none left."""
 
     def watch_by(*steps):
-        planned(OWN, tmp_path / "own" / "own.nc", mu="0:0.5:2").run("sync")
         told, address, left = [], [], iter(steps)
 
         def sleep(_):
-            if (step := next(left, None)) is None:
+            if not address:  # it waits for the first result
+                planned(OWN, tmp_path / "own" / "own.nc", mu="0:0.5:2").run("sync")
+            elif (step := next(left, None)) is None:
                 raise KeyboardInterrupt
-            step(address[0])
+            else:
+                step(address[0])
 
         monkeypatch.setattr(watch, "time", SimpleNamespace(sleep=sleep, monotonic=lambda: 0.0))
         with pytest.raises(KeyboardInterrupt):
@@ -218,6 +220,7 @@ def test_a_watched_page_is_written_when_its_results_change_and_served_to_this_ma
     told = watch_by(look, look, more, look)
     assert seen[0] == seen[1]
     assert [b"23 done" in whole for whole, _ in seen] == [False, False, True]
+    assert told[0] == f"{tmp_path} has no result yet; waiting for the first"
     assert len(told) == len(set(told))
 
 

@@ -74,6 +74,11 @@ def test_scenes_are_built_and_only_the_guilty_group_fails():
         study.sweep({"theta": 95.0})
 
 
+def test_a_function_of_numbers_gets_one_point_at_a_time():
+    data = run(study_of(lambda x, gain: {"y": gain * float(x[0]) if len(x) == 1 else 0.0}))
+    assert data["y"].values.tolist() == [2.0, 4.0, 6.0]
+
+
 def test_a_short_output_is_padded_and_an_inner_range_is_a_dimension():
     study = study_of(
         lambda x, level: {"y": np.stack([x * v for v in level[:2]], axis=1)},

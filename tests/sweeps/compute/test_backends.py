@@ -104,6 +104,7 @@ def test_a_run_that_goes_on_counts_on_and_has_the_plans_time_at_first(path):
     plan, snapshots = replace(make(points=40).plan(path), seconds=60.0), []
     plan.run("sync", progress=snapshots.append)
     assert (snapshots[0].done, snapshots[0].todo, snapshots[0].left) == (10, 40, pytest.approx(60.0))
+    assert snapshots[0].rate == 0.0  # none is measured yet
     assert (snapshots[-1].done, snapshots[-1].left) == (40, 0.0)
 
 
