@@ -60,10 +60,8 @@ FIXED = 0.02
 
 def fixed_contact(moved: float) -> str:
     """Text of the warning; `moved` is V * duration in units of P2's length."""
-    return (
-        f"V * duration is {100.0 * moved:.3g} % of P2's length: the model's contact point is fixed; in a rig it"
-        " moves along P2 by as much, and modes and onsets change with it: these figures hold for one position"
-    )
+    share = f"V * duration is {100.0 * moved:.3g} % of P2's length"
+    return f"{share}, by which the contact moves in a rig; here it stays, so the result holds for one position"
 
 
 def not_unique(mu: float, limit: float) -> ContactError:

@@ -65,8 +65,7 @@ def _part(**options: Any) -> Callable[[Function], Function]:
 
     It has its own `fastmath`. Without, Numba would give it that of the kernel which happens to need it first.
     """
-    part: Any = register_jitable(**_OPTIONS, no_cfunc_wrapper=True, **options)
-    return cast(Callable[[Function], Function], part)
+    return cast(Any, register_jitable(**_OPTIONS, no_cfunc_wrapper=True, **options))
 
 
 # A call of its own, or, where a call would cost more than the body, lines of the caller ...

@@ -379,7 +379,7 @@ def _modal(
     if not structure.preload > 0.0:
         raise InputError(
             f"load: with it the contact opens (normal force {structure.preload:.3g} for a unit load);"
-            " turn the sign of load or normal"
+            " change the sign of load or normal"
         )
     return structure
 

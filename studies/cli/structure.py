@@ -35,7 +35,7 @@ def structure(file: str, out: str | None, fmax: float, mu: float) -> None:
     The figure, FILE.png in the folder `structure` of the results, has the growth rate over friction too.
 
     FILE.toml is in SI. It names files of `mass` and `stiffness` or has modes; `normal` and `tangential` say what
-    opens the gap and what moves the surface along the drive (turn the sign of `tangential` for the other sense),
+    opens the gap and what moves the surface along the drive (change the sign of `tangential` for the other sense),
     `load` what F multiplies. Optional: `output` (what is observed as B; otherwise the tangential gap), `drive`
     (mass times the motion of all for a unit motion of the base, which then moves in place of the surface),
     `damping` (a file), `damping_ratio`, `d1`, `d2`, `fmax`. Rows are named "node N, DIRECTION" by `nodes` or

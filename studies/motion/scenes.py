@@ -106,5 +106,5 @@ def _columns(numbers: Mapping[str, Any], count: int) -> dict[str, NDArray[Any]]:
         for name, p in (SCENE | FRICTION).items()
     }
     if numbers.get("structure") is not None and (V := columns["V"].min()) < 0.0:
-        raise InputError(f"V = {V:g}: it must be above 0 with a structure; turn the sign of its tangential row")
+        raise InputError(f"V = {V:g}: it must be above 0 with a structure; change the sign of its tangential row")
     return columns

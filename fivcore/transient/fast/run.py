@@ -268,8 +268,7 @@ class FastRun:
         if rows:
             piece = grid * max(MOST_ROWS * rows // grid, 1)
             last = min(last, (now // piece + 1) * piece)
-        last = min(last, self.pause * finer)
-        record["last"] = last
+        record["last"] = last = min(last, self.pause * finer)
         record["threshold"] = self._share * self.scene.mu if self._phase == BEFORE_SLIP else np.inf
         record["until_open"] = self._phase == CLOSED
         record["sample_every"], record["next_sample"] = every, -(-now // every) * every
@@ -314,10 +313,9 @@ class FastRun:
             self._until = 0
         if now < self._until or {phase, self._phase} & {CLOSED, OPENED}:
             return
-        if phase != RAMP and not stopped and now < self.steps:
-            steady = self._settled(segment)
-            if steady is not None:
-                self.segments = chain([segment], self._fill(steady))
+        settles = phase != RAMP and not stopped and now < self.steps
+        if settles and (steady := self._settled(segment)) is not None:
+            self.segments = chain([segment], self._fill(steady))
         varies = self._slip_variation(segment) >= self.scene.speed_per_load
         self._length = self._long if varies else self._short
 
