@@ -61,10 +61,8 @@ def kernel(function: Function) -> Function:
 
 
 def _part(**options: Any) -> Callable[[Function], Function]:
-    """Compile a function into the kernels that call it; for Python it stays as it is.
-
-    It has its own `fastmath`. Without, Numba would give it that of the kernel which happens to need it first.
-    """
+    """Compile a function into the kernels that call it; for Python it stays as it is."""
+    # Without a `fastmath` of its own it would have that of the kernel which happens to need it first.
     return cast(Any, register_jitable(**_OPTIONS, no_cfunc_wrapper=True, **options))
 
 
