@@ -54,8 +54,8 @@ def write(store: Store, table: Table, derive: Derive | None) -> None:
     except Exception as raised:  # noqa: BLE001 - raised again when the results are safe
         problem, whole = raised, described(manifest, data, None, before)
     try:
-        # A Dask client of the user must not compute this: it may be on other machines.
-        with replacing(store.file, store.parts) as temporary, dask.config.set(scheduler="threads"):
+        # One thread, not a Dask client of the user: xarray before 2026.9 takes its locks in any order, and hangs.
+        with replacing(store.file, store.parts) as temporary, dask.config.set(scheduler="sync"):
             whole.to_netcdf(temporary, engine="netcdf4", encoding=_encoding(whole, manifest))
             append_checksum(temporary)
     except StoreError:

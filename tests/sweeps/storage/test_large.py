@@ -1,5 +1,7 @@
 """Large variables are written in blocks and read when they are used; the file is CF, whatever its size."""
 
+from threading import get_ident
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -78,6 +80,15 @@ def test_large_variables_have_the_values_and_attributes_of_small_ones(tmp_path, 
         for name in small.variables:
             assert repr(small[name].attrs) == repr(large[name].attrs)
             assert small[name].dtype == large[name].dtype or small[name].dtype.kind == "U"
+
+
+def test_one_thread_writes_a_file(path, limits, monkeypatch):
+    """Two may wait for each other's locks for ever."""
+    limits(150)
+    threads, original = set(), PartSource.read
+    monkeypatch.setattr(PartSource, "read", lambda *each: threads.add(get_ident()) or original(*each))
+    sweep().plan(path).run()
+    assert threads == {get_ident()}
 
 
 def test_large_variables_are_read_when_they_are_used(path, limits, monkeypatch):
