@@ -106,7 +106,7 @@ def general(dataset: xr.Dataset) -> Iterator[Any]:
         rows.append((f"{name} {labels.unit_of(dataset[name])[0]}".strip(), len(finite), low, middle, high))
     if rows and done.any():
         yield "Quantiles", pd.DataFrame(rows, columns=["quantity", "points", "5 %", "median", "95 %"])
-    else:
+    elif not rows:
         yield "No output has one number a point; fiv query prints them."
     varied = [
         str(n) for n, c in dataset.coords.items() if c.ndim and set(c.dims) <= set(dims) and c.dtype.kind == "f"

@@ -35,7 +35,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     if not names or not bool((dataset["status"] == DONE).any()):
         figure, (axes,) = figures.panels(1, 1, 12.0, 5.0)
         axes.axis("off")
-        why = "no point was computed" if names else "no output has one number a point"
+        why = "no point has a number to draw" if quantities(dataset) else "no output has one number a point"
         axes.text(0.5, 0.5, why, ha="center", va="center")
         figure.suptitle(figures.fitted(title, 12.0))
         return figure
