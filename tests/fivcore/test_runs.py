@@ -261,7 +261,7 @@ def test_a_run_that_moves_p2_by_more_than_2_percent_of_its_length_warns(recwarn)
     simulate(Scene(1.0, 5.0, 0.2, 9.0), 2.99e-3)
     simulate_many([Scene(1.0, 5.0, 0.2, 9.0)], 6e-3)
     assert not recwarn.list
-    with pytest.warns(FixedContactWarning, match=r"^V \* duration is 4 % of P2's length, by which the contact moves"):
+    with pytest.warns(FixedContactWarning, match=r"^V \* duration is 4 % of P2's length, by which the "):
         simulate(Scene(-1.0, 5.0, 0.2, 9.0), 6e-3)
 
 
