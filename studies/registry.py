@@ -85,7 +85,7 @@ def register(study: Study, where: str = "name") -> Study:
 
 
 def typed(name: str) -> str | None:
-    """What one types for a study: its name, or the file of one's own; None if that is unknown."""
+    """Return the argument of `fiv run` for a study: its name, or its file if it is the user's own; else None."""
     return name if name in names() else _files.get(name)
 
 

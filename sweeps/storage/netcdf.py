@@ -54,7 +54,7 @@ def write(store: Store, table: Table, derive: Derive | None) -> None:
     except Exception as raised:  # noqa: BLE001 - raised again when the results are safe
         problem, whole = raised, described(manifest, data, None, before)
     try:
-        # One thread, not a Dask client of the user: xarray before 2026.9 takes its locks in any order, and hangs.
+        # Not by a user's Dask client, and not by two threads, which can deadlock with xarray before 2026.9.
         with replacing(store.file, store.parts) as temporary, dask.config.set(scheduler="sync"):
             whole.to_netcdf(temporary, engine="netcdf4", encoding=_encoding(whole, manifest))
             append_checksum(temporary)
