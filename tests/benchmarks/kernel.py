@@ -22,18 +22,17 @@ import numpy as np
 from fivcore import Rig, Scene
 from fivcore.contact.reduced import reduced_model
 from fivcore.jit import kernel, reordered_call
-from fivcore.transient.fast import data as at
-from fivcore.transient.fast.kernel import move
+from fivcore.transient.fast.kernel import move_both, move_others
 from fivcore.transient.fast.run import aligned
 from fivcore.transient.fast.solver import frozen_solver
 from tests.benchmarks.tables import Column, Table
 from tests.benchmarks.transient import seconds
 
 SCENE = Scene(5e-3, 5.0, 0.2, 9.0)
-# Of a mode in a step: multiply-adds and multiplications, as `move` has them.
-FUSED, PLAIN = 9, 3
-# Numbers that are worked on at once: as many as fill the registers of most processors and wait for nothing.
-WIDE = 64
+# Of a mode in a step: multiply-adds and multiplications, as `kernel.move` and `kernel.move_normal` have them.
+BOTH, NORMAL = (9, 3), (6, 3)
+# Numbers that are worked on at once: as many as fit into the registers of most processors beside two factors.
+WIDE = 56
 FIRST = "from fivcore import Scene, simulate; simulate(Scene(5e-3, 5.0, 0.2, 9.0), 0.1)"
 
 
@@ -50,14 +49,17 @@ def _multiply_add(values: Any, a: float, b: float, count: int) -> None:
 
 
 @kernel
-def _modes_alone(blocks: Any, size: int, steps: int) -> float:
-    first, left, total = np.uint64(0), np.uint64(size), 0.0
-    whole, room = np.uint64(at.BLOCK), np.uint64(at.BLOCK_SIZE)
+def _registers_alone(values: Any, count: int) -> None:
+    _multiply_add(values, 0.5, 1.0, count)
+
+
+@kernel
+def _modes_alone(modes: Any, both: int, size: int, blocks: int, steps: int) -> float:
+    total = 0.0
     for _ in range(steps):
-        for k in range((size + at.BLOCK - 1) // at.BLOCK):
-            count = min(left - np.uint64(k) * whole, whole)
-            gN, gT, vN, vT = move(blocks, first + np.uint64(k) * room, count, 1e-9, 1e-9)
-            total += gN + gT + vN + vT
+        gN, vN = move_others(modes, both, size, blocks, 1e-9)
+        more = move_both(modes, both, blocks, 1e-9, 1e-9)
+        total += gN + vN + more[0] + more[1] + more[2] + more[3]
     return total
 
 
@@ -75,15 +77,18 @@ def shortest(run: Callable[[], Any], repeat: int = 15) -> float:
 def peak() -> float:
     """Floating-point operations per second that registers alone allow."""
     values, count = np.ones(WIDE), 200_000
-    return 2 * WIDE * count / shortest(lambda: _multiply_add(values, 0.5, 1.0, count))
+    return 2 * WIDE * count / shortest(lambda: _registers_alone(values, count))
 
 
-def modes_alone() -> float:
-    """Seconds per step."""
+def modes_alone() -> tuple[float, int]:
+    """Seconds per step, and operations."""
     model = reduced_model(Rig(), SCENE.theta)
     solver, steps = frozen_solver(model, SCENE.mu, model.default_step), 100_000
-    blocks = aligned(solver.blocks).ravel()
-    return shortest(lambda: _modes_alone(blocks, solver.size, steps)) / steps
+    both, size, blocks = (int(solver.record[name][0]) for name in ("both", "modes", "blocks"))
+    modes = aligned(solver.blocks).ravel()
+    taken = shortest(lambda: _modes_alone(modes, both, size, blocks, steps)) / steps
+    operations = zip((both, size - both), (BOTH, NORMAL), strict=True)
+    return taken, sum(count * (2 * fused + plain) for count, (fused, plain) in operations)
 
 
 def whole() -> float:
@@ -110,12 +115,10 @@ def first(repeat: int = 3) -> Table:
 
 def steps() -> Table:
     """A step of a scene, beside what registers alone allow; of flops, those of the modes are counted."""
-    model = reduced_model(Rig(), SCENE.theta)
-    size = frozen_solver(model, SCENE.mu, model.default_step).size
-    operations, most = size * (2 * FUSED + PLAIN), peak()
+    (alone, operations), most = modes_alone(), peak()
     times = {
         "registers alone": None,
-        "modes alone": modes_alone(),
+        "modes alone": alone,
         "whole steps": whole(),
     }
     rates = [most if taken is None else operations / taken for taken in times.values()]

@@ -159,7 +159,7 @@ def recorded_from(run, x, sliding, speed, last):
 
 def motion_of(run):
     """Displacements and velocities before an impulse, and the element's displacements."""
-    q, v = (take(run.blocks, row, len(run.model.rest)) for row in (at.Q, at.V))
+    q, v = (take(run.blocks, run.places, row) for row in (at.Q, at.V))
     return q, v, np.array([run.record["u_N"][0], run.record["u_T"][0]])
 
 

@@ -83,8 +83,8 @@ class Fast:
         # Impulses come in the middle of a step.
         x, v = self._moved(away, system.v, 0.5 * step)
         blocks = self.solver.blocks.copy()
-        put(blocks, at.Q, x)
-        put(blocks, at.V, v)
+        put(blocks, self.solver.places, at.Q, x)
+        put(blocks, self.solver.places, at.V, v)
         self.modes = aligned(blocks).ravel()
         fill(record, g_N=normal @ x, g_T=tangential @ x, v_N=normal @ v, v_T=tangential @ v)
         self.first = self.energy()
@@ -107,8 +107,8 @@ class Fast:
 
     def _state(self):
         """Displacements about rest and velocities at the start of the step."""
-        blocks, count = self.modes.reshape(self.solver.blocks.shape), len(self.model.rest)
-        return self._moved(take(blocks, at.Q, count), take(blocks, at.V, count), -0.5 * self.step)
+        blocks = self.modes.reshape(self.solver.blocks.shape)
+        return self._moved(*(take(blocks, self.solver.places, row) for row in (at.Q, at.V)), -0.5 * self.step)
 
     @property
     def q(self):

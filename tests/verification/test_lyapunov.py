@@ -13,7 +13,7 @@ from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.transient import lyapunov
 from fivcore.transient.fast import data as at
 from fivcore.transient.fast.run import FastRun, aligned
-from fivcore.transient.fast.solver import put
+from fivcore.transient.fast.solver import put, take
 from fivcore.transient.fast.steady import eigenvalues
 from fivcore.transient.simulate import request
 from tests.helpers.sliding import sliding_state
@@ -93,13 +93,13 @@ def test_in_slip_it_follows_a_growing_eigenvector():
     run.tangent = record, modes = lyapunov._deviation(run)
     blocks = modes.reshape(run.blocks.shape)
     for row, values in ((at.Q, x[:size]), (at.V, x[size:-1])):
-        put(blocks, row, values)
+        put(blocks, run.places, row, values)
     record["g_N"], record["g_T"] = model.shapes @ x[:size]
     record["v_N"], record["v_T"] = model.shapes @ x[size:-1]
     record["u_T"] = x[-1]
     taken(run, count)
     assert run.record["switches"] == 0.0
-    found = finished(run)[:, at.V].ravel()[:size]
+    found = take(finished(run), run.places, at.V)
     np.testing.assert_allclose(found, expected[size:-1], rtol=0.0, atol=1e-8 * np.abs(expected[size:-1]).max())
 
 

@@ -34,8 +34,9 @@ _ARRAYS = {
     # Gaps and their rates a step after unit impulses: NN, NT, TT.
     "after_q": (3,),
     "after_v": (3,),
-    # Velocity of B for half an impulse.
+    # Velocity of B for half an impulse; power that the modes lose with the rates of half an impulse: NN, NT, TT.
     "point_B": (2,),
+    "damped_by": (3,),
 }
 _NUMBERS = [
     # Coefficient of friction: static; in slip, where it is constant, and at which slip ends.
@@ -54,8 +55,9 @@ _COUNTS = [
     "contact now last next_sample next_row next_skip settle sample_every row_every",
     # Whether the contact is rigid, the first separation ends the segment, the segment has ended early.
     "rigid until_open stopped",
-    # Modes and their blocks; whether there are tables of the skip; how many samples and rows there are.
-    "modes blocks may_skip samples rows",
+    # Places for modes, of them the first for those that move the tangential gap, and their blocks; whether there
+    # are tables of the skip; how many samples and rows there are.
+    "modes both blocks may_skip samples rows",
 ]
 SCENE = np.dtype([
     *((name, "f8", shape) for name, shape in _ARRAYS.items()),

@@ -6,8 +6,8 @@ step times the force. Then every mode moves freely and exactly over one step. Co
 static equilibrium under the unit load, so the impulse carries N - 1.
 
 The free move of a step does not wait for the step's contact law: the modes are kept as they are without the last
-impulse, and the gaps get what it adds to them from three numbers. The processor then moves the modes while it
-solves the contact.
+impulse, and the gaps get what it adds to them from three numbers. Modes that move the normal gap alone are moved
+before the law, the others after it, so the processor has work at any time while it solves the contact.
 
 Rows of a block of modes have a fixed distance, so the compiler knows that they do not overlap. Sums over modes may
 be reordered (`fivcore.jit.reordered`).
@@ -29,12 +29,12 @@ from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, enter
 _A, _B, _C, _D = (np.uint64(row * at.BLOCK) for row in (at.A, at.B, at.C, at.D))
 _NORMAL, _TANGENTIAL = (np.uint64(row * at.BLOCK) for row in (at.NORMAL, at.TANGENTIAL))
 _Q, _V, _POINT_B, _DAMPING = (np.uint64(row * at.BLOCK) for row in (at.Q, at.V, at.POINT_B, at.DAMPING))
-_BLOCK, _BLOCK_SIZE = np.uint64(at.BLOCK), np.uint64(at.BLOCK_SIZE)
+_BLOCK_SIZE = np.uint64(at.BLOCK_SIZE)
 
 
 @reordered
 def move(x: Any, first: Any, count: Any, impulse_N: float, impulse_T: float) -> Any:
-    """Add the effect of the last impulse to a block of modes, and move it freely; return its gaps and rates."""
+    """Add the effect of the last impulse to some modes, and move them freely; return their gaps and rates."""
     gN, gT, vN, vT = 0.0, 0.0, 0.0, 0.0
     for j in range(first, first + count):
         normal, tangential = x[j + _NORMAL], x[j + _TANGENTIAL]
@@ -51,15 +51,52 @@ def move(x: Any, first: Any, count: Any, impulse_N: float, impulse_T: float) -> 
     return gN, gT, vN, vT
 
 
+@reordered
+def move_normal(x: Any, first: Any, count: Any, impulse_N: float) -> Any:
+    """Do the same with modes that move the normal gap alone; return that gap and its rate."""
+    gN, vN = 0.0, 0.0
+    for j in range(first, first + count):
+        normal = x[j + _NORMAL]
+        push = normal * impulse_N
+        q, v = x[j + _Q] + x[j + _B] * push, x[j + _V] + x[j + _D] * push
+        y = x[j + _A] * q + x[j + _B] * v
+        w = x[j + _C] * q + x[j + _D] * v
+        x[j + _Q] = y
+        x[j + _V] = w
+        gN += normal * y
+        vN += normal * w
+    return gN, vN
+
+
 @inlined
-def move_all(modes: Any, size: Any, blocks: int, impulse_N: float, impulse_T: float) -> Any:
-    """Move all blocks of modes, `size` modes in all."""
-    gN, gT, vN, vT = move(modes, np.uint64(0), min(size, _BLOCK), impulse_N, impulse_T)
+def within(k: int, begin: int, end: int) -> Any:
+    """Where those of the places from `begin` to `end` that lie in block k begin, and how many they are."""
+    first, last = min(max(begin - k * at.BLOCK, 0), at.BLOCK), min(max(end - k * at.BLOCK, 0), at.BLOCK)
+    return np.uint64(k) * _BLOCK_SIZE + np.uint64(first), np.uint64(last - first)
+
+
+@inlined
+def move_both(modes: Any, both: int, blocks: int, impulse_N: float, impulse_T: float) -> Any:
+    """Move the modes that move the tangential gap: `both` places, the first."""
+    first, count = within(0, 0, both)
+    gN, gT, vN, vT = move(modes, first, count, impulse_N, impulse_T)
     for k in range(1, blocks):
-        place = np.uint64(k)
-        more = move(modes, place * _BLOCK_SIZE, min(size - place * _BLOCK, _BLOCK), impulse_N, impulse_T)
+        first, count = within(k, 0, both)
+        more = move(modes, first, count, impulse_N, impulse_T)
         gN, gT, vN, vT = gN + more[0], gT + more[1], vN + more[2], vT + more[3]
     return gN, gT, vN, vT
+
+
+@inlined
+def move_others(modes: Any, both: int, size: int, blocks: int, impulse_N: float) -> Any:
+    """Move the modes that move the normal gap alone: the places after `both`, up to `size`."""
+    first, count = within(0, both, size)
+    gN, vN = move_normal(modes, first, count, impulse_N)
+    for k in range(1, blocks):
+        first, count = within(k, both, size)
+        more = move_normal(modes, first, count, impulse_N)
+        gN, vN = gN + more[0], vN + more[1]
+    return gN, vN
 
 
 @reordered
@@ -72,16 +109,21 @@ def finish(x: Any, first: Any, count: Any, impulse_N: float, impulse_T: float) -
 
 
 @reordered
-def observe(x: Any, first: Any, count: Any, last_N: float, last_T: float, half_N: float, half_T: float) -> Any:
-    """Velocity of B before the impulse, and the power that a block of modes loses in the middle of it."""
-    speed, power = 0.0, 0.0
+def observe(x: Any, first: Any, count: Any, last_N: float, last_T: float) -> Any:
+    """Velocity of B before the impulse, and what gives the power that a block of modes loses in the middle of it.
+
+    These are its power before the impulse, and by how much it grows with N and with T, to first order.
+    """
+    speed, power, by_N, by_T = 0.0, 0.0, 0.0, 0.0
     for j in range(first, first + count):
         normal, tangential = x[j + _NORMAL], x[j + _TANGENTIAL]
         v = x[j + _V] + x[j + _D] * (normal * last_N + tangential * last_T)
-        rate = v + normal * half_N + tangential * half_T
+        lost = x[j + _DAMPING] * v
         speed += x[j + _POINT_B] * v
-        power += x[j + _DAMPING] * rate * rate
-    return speed, power
+        power += lost * v
+        by_N += lost * normal
+        by_T += lost * tangential
+    return speed, power, by_N, by_T
 
 
 @kernel
@@ -191,13 +233,22 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
     C_NN, C_NT, C_TT, C_slip = scene.C[0], scene.C[1], scene.C[2], scene.C[3]
     q_NN, q_NT, q_TT = scene.after_q[0], scene.after_q[1], scene.after_q[2]
     v_NN, v_NT, v_TT = scene.after_v[0], scene.after_v[1], scene.after_v[2]
-    first, size, blocks = np.uint64(0), np.uint64(scene.modes), scene.blocks
     contact, u_N, u_T, anchor, slip_rate = scene.contact, scene.u_N, scene.u_T, scene.anchor, scene.slip_rate
     free_gN, free_gT, free_vN, free_vT = scene.g_N, scene.g_T, scene.v_N, scene.v_T
     impulse_N, impulse_T = 0.0, 0.0
+    both, size, blocks = scene.both, scene.modes, scene.blocks
+    speed, power, power_N, power_T = 0.0, 0.0, 0.0, 0.0
     now = scene.now
     until, due = pause(scene, now), min(scene.next_sample, scene.next_row)
     while now < until:
+        if now == due:
+            speed, power, power_N, power_T = 0.0, 0.0, 0.0, 0.0
+            for k in range(blocks):
+                first, count = within(k, 0, size)
+                more = observe(modes, first, count, impulse_N, impulse_T)
+                speed, power = speed + more[0], power + more[1]
+                power_N, power_T = power_N + more[2], power_T + more[3]
+        others_gN, others_vN = move_others(modes, both, size, blocks, impulse_N)
         t = (now + 0.5) * step
         if t < ramp:
             drive = scene.acceleration * t
@@ -265,6 +316,10 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                     else:
                         closed, N, T = False, 0.0, 0.0
                         end_N, end_T = relax[0] * p + relax[1] * before, relax[2] * p + relax[3] * before
+        last_N, last_T = impulse_N, impulse_T
+        impulse_N, impulse_T = step * (N - 1.0), step * T
+        free_gN, free_gT, free_vN, free_vT = move_both(modes, both, blocks, last_N, last_T)
+        free_gN, free_vN = free_gN + others_gN, free_vN + others_vN
         mean_N, mean_T = vN + M_NN * N + M_NT * T, vT + M_NT * N + M_TT * T
         slip_rate = mean_T
         if not closed:
@@ -299,8 +354,6 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
         u_N, u_T = end_N, end_T
         if rigid:
             scene.after_N, scene.after_T = 2.0 * mean_N - vN, 2.0 * mean_T - vT
-        last_N, last_T = impulse_N, impulse_T
-        impulse_N, impulse_T = step * (N - 1.0), step * T
         if contact != was:
             if enter(scene, was, contact, t):
                 place = scene.sticks - 1
@@ -313,14 +366,9 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
             scene.next_skip = scene.next_sample + at.MIN_SAMPLES * scene.sample_every if waits else at.NEVER
             until = pause(scene, now)
         if now == due:
-            speed, power = scene.point_B[0] * impulse_N + scene.point_B[1] * impulse_T, 0.0
-            for k in range(blocks):
-                place = np.uint64(k)
-                more, lost = observe(
-                    modes, first + place * _BLOCK_SIZE, min(size - place * _BLOCK, _BLOCK), last_N, last_T,
-                    0.5 * impulse_N, 0.5 * impulse_T,
-                )  # fmt: skip
-                speed, power = speed + more, power + lost
+            speed += scene.point_B[0] * impulse_N + scene.point_B[1] * impulse_T
+            power += (power_N + scene.damped_by[0] * impulse_N) * impulse_N
+            power += (power_T + scene.damped_by[1] * impulse_N + scene.damped_by[2] * impulse_T) * impulse_T
             if scene.next_sample == now:
                 place = scene.samples
                 samples[place, 0], samples[place, 1], samples[place, 2] = speed, slip_rate, N
@@ -339,16 +387,17 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                 scene.rows += 1
                 scene.next_row += scene.row_every
             due = min(scene.next_sample, scene.next_row)
-        free_gN, free_gT, free_vN, free_vT = move_all(modes, size, blocks, last_N, last_T)
         if len(tangent) > 0:
             d = tangent[0][0]
             last_N, last_T = d.impulse_N, d.impulse_T
             respond(scene, d, law, was, contact, met, slip_rate, N, T)
-            d.g_N, d.g_T, d.v_N, d.v_T = move_all(tangent[1], size, blocks, last_N, last_T)
+            others_gN, others_vN = move_others(tangent[1], both, size, blocks, last_N)
+            gN, d.g_T, vN, d.v_T = move_both(tangent[1], both, blocks, last_N, last_T)
+            d.g_N, d.v_N = gN + others_gN, vN + others_vN
         now += 1
     for k in range(blocks):
-        place = np.uint64(k)
-        finish(modes, first + place * _BLOCK_SIZE, min(size - place * _BLOCK, _BLOCK), impulse_N, impulse_T)
+        first, count = within(k, 0, size)
+        finish(modes, first, count, impulse_N, impulse_T)
     scene.now, scene.contact, scene.u_N, scene.u_T, scene.anchor = now, contact, u_N, u_T, anchor
     scene.slip_rate = slip_rate
     scene.g_N = added(free_gN, q_NN, impulse_N, q_NT, impulse_T)

@@ -12,6 +12,7 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fivcore.beams.modes import propagator
 from fivcore.contact.reduced import ReducedModel, modified, reduced_model
@@ -121,8 +122,13 @@ class FastRun:
         """The model in use."""
         return self._solver.model
 
+    @property
+    def places(self) -> NDArray[np.int64]:
+        """Places of the modes in rows of `blocks`, (n,)."""
+        return self._solver.places
+
     def _row(self, row: int) -> Array:
-        return take(self.blocks, row, len(self.model.rest))
+        return take(self.blocks, self.places, row)
 
     def _start(self, initial: State | None) -> None:
         model, scene, solver = self.model, self.scene, self._solver
@@ -207,8 +213,8 @@ class FastRun:
     def _place(self, q: Array, v: Array) -> None:
         """Put the modes where they are before an impulse."""
         model, record = self.model, self.record
-        put(self.blocks, at.Q, q)
-        put(self.blocks, at.V, v)
+        put(self.blocks, self.places, at.Q, q)
+        put(self.blocks, self.places, at.V, v)
         record["g_N"], record["g_T"] = model.normal @ q, model.tangential @ q
         record["v_N"], record["v_T"] = model.normal @ v, model.tangential @ v
         record["after_N"] = record["after_T"] = np.nan

@@ -19,6 +19,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.law import status_maps
@@ -26,6 +27,7 @@ from fivcore.contact.reduced import ReducedModel
 from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.jit import Array, called, reordered_call
 from fivcore.transient.fast import data as at
+from fivcore.transient.fast.solver import places_of
 from fivcore.transient.statistics import STICK
 
 # Largest error of the eigenvectors, and smallest |z|, by which outputs of the step before are divided.
@@ -68,10 +70,13 @@ class SkipTables(NamedTuple):
     # The line in x, (2 m, 5), and the gaps of x with their rates, (4, 2 m).
     drift: Array
     shapes: Array
+    # Numbers of the modes' displacements in blocks in a row, (n,).
+    numbers: NDArray[np.int64]
 
 
 # Tables of a run without skips.
-NONE = SkipTables(*(np.zeros(0 if name == "logarithm" else (0, 0)) for name in SkipTables._fields))
+_SHAPES = [0 if name == "logarithm" else (0, 0) for name in SkipTables._fields[:-1]]
+NONE = SkipTables(*map(np.zeros, _SHAPES), np.zeros(0, dtype=np.int64))
 
 
 @lru_cache(maxsize=64)
@@ -132,7 +137,7 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     affine = np.vstack([outputs[:, count:], seen[:2, count:]]).real
     outputs = outputs[:, :count]
     sums = force[:, :count] / (1.0 - z)
-    # Empty places among the eigenvalues, and among the modes as the blocks have them.
+    # Empty places among the eigenvalues, and among the modes.
     empty, places = -count % EIGHT, -(-size // EIGHT) * EIGHT
 
     def rows_of(values: Any) -> Array:
@@ -158,6 +163,7 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     powers = np.cumprod(np.vstack([np.ones_like(z), *[z**sample_every] * (ROUND - 1)]), axis=0)
     # Conjugate: amplitudes are real and imaginary parts, what they are multiplied with has the latter negative.
     way_in, way_back = rows_of(into.conj().T).T, rows_of(vectors).T
+    block, place = np.divmod(places_of(model)[0], at.BLOCK)
     tables = SkipTables(
         outputs=rows_of(outputs),
         earlier=rows_of(earlier[:, :count]),
@@ -172,6 +178,7 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
         back=over_modes(way_back).T,
         drift=over_modes(line.T).T,
         shapes=over_modes(np.kron(np.eye(2), gaps)),
+        numbers=at.Q * at.BLOCK + block * at.BLOCK_SIZE + place,
     )
     return SkipTables(*(np.ascontiguousarray(table) for table in tables))
 
@@ -232,10 +239,10 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
     multiply(affine, weights, starts)
     # x less its line, and the amplitudes of the eigenvectors in it.
     multiply(tables.drift, weights, x)
-    for j in range(half):
-        k = j // at.BLOCK * at.BLOCK_SIZE + j % at.BLOCK
-        x[j] = modes[k + at.Q * at.BLOCK] - x[j]
-        x[half + j] = modes[k + at.V * at.BLOCK] - x[half + j]
+    for j in range(len(tables.numbers)):
+        k = tables.numbers[j]
+        x[j] = modes[k] - x[j]
+        x[half + j] = modes[k + (at.V - at.Q) * at.BLOCK] - x[half + j]
     multiply(tables.into, x, initial)
     rotate(powers[0], initial, y)
     goal, far, largest, total = now, ROUND - 1, 0.0, 0.0
@@ -304,9 +311,9 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
     weights[4] = speed * steps
     multiply(tables.drift, weights, x)
     multiply(tables.back, y, x, 1.0)
-    for j in range(half):
-        k = j // at.BLOCK * at.BLOCK_SIZE + j % at.BLOCK
-        modes[k + at.Q * at.BLOCK], modes[k + at.V * at.BLOCK] = x[j], x[half + j]
+    for j in range(len(tables.numbers)):
+        k = tables.numbers[j]
+        modes[k], modes[k + (at.V - at.Q) * at.BLOCK] = x[j], x[half + j]
     multiply(tables.shapes, x, result)
     scene.g_N, scene.g_T, scene.v_N, scene.v_T = result[0], result[1], result[2], result[3]
     # Rows of the record.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fivcore.beams.modes import one_blas_thread, propagator
 from fivcore.contact.impulse import between_impulses
@@ -21,9 +22,9 @@ class Solver:
     """A model with everything that its steps need.
 
     `impulse` is how impulses see the model, `dissipation` (2, 2) what the dashpot loses from the mean rates of the
-    gaps over a step, `at_rest` penetration and tangential gap at rest, and `size` the number of places for modes.
-    `blocks` (any, BLOCK_ROWS, BLOCK) are the modes of a scene at rest, `record` (1,) is a scene with the numbers
-    that are known here.
+    gaps over a step, `at_rest` penetration and tangential gap at rest, and `places` (n,) those of the modes in
+    rows of blocks. `blocks` (any, BLOCK_ROWS, BLOCK) are the modes of a scene at rest, `record` (1,) is a scene
+    with the numbers that are known here.
     """
 
     # Idle BLAS threads wait for more work, at the cost of whoever else computes on this machine.
@@ -41,13 +42,12 @@ class Solver:
         # Of the unit load impulses see what they see of a contact force.
         gap_N, gap_T = (float(gap @ model.rest) for gap in gaps)
         self.at_rest = float(impulse.defect[0, 0]) - (gap_N + model.gap), gap_T - float(impulse.defect[1, 0])
-        # Modes come in fours, so that vector registers are full.
-        self.size = -(-len(model.rest) // 4) * 4
-        self.blocks = np.zeros((-(-self.size // at.BLOCK), at.BLOCK_ROWS, at.BLOCK))
+        self.places, both, size = places_of(model)
+        self.blocks = np.zeros((-(-size // at.BLOCK), at.BLOCK_ROWS, at.BLOCK))
         rows = (at.A, at.B, at.C, at.D, at.NORMAL, at.TANGENTIAL, at.POINT_B, at.DAMPING)
         flow = propagator(model.stiffness, model.damping, step)
         for row, values in zip(rows, (*flow, *gaps, model.point_b, model.damping), strict=True):
-            put(self.blocks, row, values)
+            put(self.blocks, self.places, row, values)
         self.record = record = np.zeros(1, at.SCENE)
         closure = (*maps.closure.flat, maps.closure_offset)
         stick, entering = ((*law.flat, maps.mean_offset) for law in (maps.stick, maps.entering))
@@ -64,6 +64,7 @@ class Solver:
             # In slip u_T has a rate of its own, which varies over the step.
             ("C", np.append(self.dissipation[lower], impulse.damping[1, 1] * maps.square_ratio)),
             ("point_B", 0.5 * np.array([model.point_b @ gap for gap in gaps])),
+            ("damped_by", np.array([0.25, 0.5, 0.25]) * ((gaps * model.damping) @ gaps.T)[lower]),
             ("slide", slide(impulse.stiffness, impulse.damping, impulse.delassus, step)),
             ("mu", mu),
             ("kinetic", kinetic),
@@ -71,7 +72,7 @@ class Solver:
             ("rigid", not element),
         ):
             record[name] = values
-        record["modes"], record["blocks"] = self.size, len(self.blocks)
+        record["modes"], record["both"], record["blocks"] = size, both, len(self.blocks)
         record["next_skip"] = at.NEVER
 
     def between_impulses(self, force: Array) -> Array:
@@ -81,14 +82,25 @@ class Solver:
         return between_impulses(model.stiffness, self.step) * modal
 
 
-def put(blocks: Array, row: int, values: Array) -> None:
+def places_of(model: ReducedModel) -> tuple[NDArray[np.int64], int, int]:
+    """Place of each mode in rows of blocks, how many are for those that move the tangential gap, and all.
+
+    Those that move the tangential gap come first; both kinds in fours, so that vector registers are full.
+    """
+    others = model.tangential == 0.0
+    first, last = (-(-np.count_nonzero(kind) // 4) * 4 for kind in (~others, others))
+    places = np.where(others, first + np.cumsum(others), np.cumsum(~others)) - 1
+    return places, first, first + last
+
+
+def put(blocks: Array, places: NDArray[np.int64], row: int, values: Array) -> None:
     """Write a row of modes into blocks."""
-    blocks[:, row].flat[: len(values)] = values
+    blocks[:, row].flat[places] = values
 
 
-def take(blocks: Array, row: int, count: int) -> Array:
+def take(blocks: Array, places: NDArray[np.int64], row: int) -> Array:
     """Read a row of modes from blocks."""
-    return blocks[:, row].ravel()[:count].copy()
+    return blocks[:, row].ravel()[places]
 
 
 # Built once, whatever V and F.
