@@ -75,8 +75,8 @@ class SkipTables(NamedTuple):
 
 
 # Tables of a run without skips.
-_SHAPES = [0 if name == "logarithm" else (0, 0) for name in SkipTables._fields[:-1]]
-NONE = SkipTables(*map(np.zeros, _SHAPES), np.zeros(0, dtype=np.int64))
+_NONE: dict[str, Any] = {name: np.zeros((0, 0)) for name in SkipTables._fields}
+NONE = SkipTables(**_NONE | {"logarithm": np.zeros(0), "numbers": np.zeros(0, dtype=np.int64)})
 
 
 @lru_cache(maxsize=64)
@@ -180,7 +180,8 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
         shapes=over_modes(np.kron(np.eye(2), gaps)),
         numbers=at.Q * at.BLOCK + block * at.BLOCK_SIZE + place,
     )
-    return SkipTables(*(np.ascontiguousarray(table) for table in tables))
+    whole: Any = (np.ascontiguousarray(table) for table in tables)
+    return SkipTables(*whole)
 
 
 def workspace_for(tables: SkipTables) -> tuple[Array, ...]:

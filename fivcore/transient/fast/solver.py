@@ -88,7 +88,7 @@ def places_of(model: ReducedModel) -> tuple[NDArray[np.int64], int, int]:
     Those that move the tangential gap come first; both kinds in fours, so that vector registers are full.
     """
     others = model.tangential == 0.0
-    first, last = (-(-np.count_nonzero(kind) // 4) * 4 for kind in (~others, others))
+    first, last = (-(-int(kind.sum()) // 4) * 4 for kind in (~others, others))
     places = np.where(others, first + np.cumsum(others), np.cumsum(~others)) - 1
     return places, first, first + last
 
