@@ -55,9 +55,9 @@ _COUNTS = [
     "contact now last next_sample next_row next_skip settle sample_every row_every",
     # Whether the contact is rigid, the first separation ends the segment, the segment has ended early.
     "rigid until_open stopped",
-    # Places for modes, of them the first for those that move the tangential gap, and their blocks; whether there
-    # are tables of the skip; how many samples and rows there are.
-    "modes both blocks may_skip samples rows",
+    # Places for modes and their blocks; of the first block those that may move both gaps, and those after them
+    # that move the normal gap alone; whether there are tables of the skip; how many samples and rows there are.
+    "modes blocks both others may_skip samples rows",
 ]
 SCENE = np.dtype([
     *((name, "f8", shape) for name, shape in _ARRAYS.items()),

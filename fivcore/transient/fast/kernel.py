@@ -69,34 +69,20 @@ def move_normal(x: Any, first: Any, count: Any, impulse_N: float) -> Any:
 
 
 @inlined
-def within(k: int, begin: int, end: int) -> Any:
-    """Where those of the places from `begin` to `end` that lie in block k begin, and how many they are."""
-    first, last = min(max(begin - k * at.BLOCK, 0), at.BLOCK), min(max(end - k * at.BLOCK, 0), at.BLOCK)
-    return np.uint64(k) * _BLOCK_SIZE + np.uint64(first), np.uint64(last - first)
+def block(k: int, size: int) -> Any:
+    """Where block k begins, and how many of `size` places it has."""
+    return np.uint64(k) * _BLOCK_SIZE, np.uint64(min(size - k * at.BLOCK, at.BLOCK))
 
 
 @inlined
-def move_both(modes: Any, both: int, blocks: int, impulse_N: float, impulse_T: float) -> Any:
-    """Move the modes that move the tangential gap: `both` places, the first."""
-    first, count = within(0, 0, both)
-    gN, gT, vN, vT = move(modes, first, count, impulse_N, impulse_T)
+def move_both(modes: Any, both: int, size: int, blocks: int, impulse_N: float, impulse_T: float) -> Any:
+    """Move the first `both` places of the first block, and all other blocks."""
+    gN, gT, vN, vT = move(modes, np.uint64(0), np.uint64(both), impulse_N, impulse_T)
     for k in range(1, blocks):
-        first, count = within(k, 0, both)
+        first, count = block(k, size)
         more = move(modes, first, count, impulse_N, impulse_T)
         gN, gT, vN, vT = gN + more[0], gT + more[1], vN + more[2], vT + more[3]
     return gN, gT, vN, vT
-
-
-@inlined
-def move_others(modes: Any, both: int, size: int, blocks: int, impulse_N: float) -> Any:
-    """Move the modes that move the normal gap alone: the places after `both`, up to `size`."""
-    first, count = within(0, both, size)
-    gN, vN = move_normal(modes, first, count, impulse_N)
-    for k in range(1, blocks):
-        first, count = within(k, both, size)
-        more = move_normal(modes, first, count, impulse_N)
-        gN, vN = gN + more[0], vN + more[1]
-    return gN, vN
 
 
 @reordered
@@ -236,7 +222,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
     contact, u_N, u_T, anchor, slip_rate = scene.contact, scene.u_N, scene.u_T, scene.anchor, scene.slip_rate
     free_gN, free_gT, free_vN, free_vT = scene.g_N, scene.g_T, scene.v_N, scene.v_T
     impulse_N, impulse_T = 0.0, 0.0
-    both, size, blocks = scene.both, scene.modes, scene.blocks
+    both, others, size, blocks = scene.both, scene.others, scene.modes, scene.blocks
     speed, power, power_N, power_T = 0.0, 0.0, 0.0, 0.0
     now = scene.now
     until, due = pause(scene, now), min(scene.next_sample, scene.next_row)
@@ -244,11 +230,11 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
         if now == due:
             speed, power, power_N, power_T = 0.0, 0.0, 0.0, 0.0
             for k in range(blocks):
-                first, count = within(k, 0, size)
+                first, count = block(k, size)
                 more = observe(modes, first, count, impulse_N, impulse_T)
                 speed, power = speed + more[0], power + more[1]
                 power_N, power_T = power_N + more[2], power_T + more[3]
-        others_gN, others_vN = move_others(modes, both, size, blocks, impulse_N)
+        others_gN, others_vN = move_normal(modes, np.uint64(both), np.uint64(others), impulse_N)
         t = (now + 0.5) * step
         if t < ramp:
             drive = scene.acceleration * t
@@ -318,7 +304,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                         end_N, end_T = relax[0] * p + relax[1] * before, relax[2] * p + relax[3] * before
         last_N, last_T = impulse_N, impulse_T
         impulse_N, impulse_T = step * (N - 1.0), step * T
-        free_gN, free_gT, free_vN, free_vT = move_both(modes, both, blocks, last_N, last_T)
+        free_gN, free_gT, free_vN, free_vT = move_both(modes, both, size, blocks, last_N, last_T)
         free_gN, free_vN = free_gN + others_gN, free_vN + others_vN
         mean_N, mean_T = vN + M_NN * N + M_NT * T, vT + M_NT * N + M_TT * T
         slip_rate = mean_T
@@ -391,12 +377,12 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
             d = tangent[0][0]
             last_N, last_T = d.impulse_N, d.impulse_T
             respond(scene, d, law, was, contact, met, slip_rate, N, T)
-            others_gN, others_vN = move_others(tangent[1], both, size, blocks, last_N)
-            gN, d.g_T, vN, d.v_T = move_both(tangent[1], both, blocks, last_N, last_T)
+            others_gN, others_vN = move_normal(tangent[1], np.uint64(both), np.uint64(others), last_N)
+            gN, d.g_T, vN, d.v_T = move_both(tangent[1], both, size, blocks, last_N, last_T)
             d.g_N, d.v_N = gN + others_gN, vN + others_vN
         now += 1
     for k in range(blocks):
-        first, count = within(k, 0, size)
+        first, count = block(k, size)
         finish(modes, first, count, impulse_N, impulse_T)
     scene.now, scene.contact, scene.u_N, scene.u_T, scene.anchor = now, contact, u_N, u_T, anchor
     scene.slip_rate = slip_rate

@@ -72,7 +72,9 @@ class Solver:
             ("rigid", not element),
         ):
             record[name] = values
-        record["modes"], record["both"], record["blocks"] = size, both, len(self.blocks)
+        record["modes"], record["blocks"] = size, len(self.blocks)
+        record["both"] = first = min(both, at.BLOCK)
+        record["others"] = min(size, at.BLOCK) - first
         record["next_skip"] = at.NEVER
 
     def between_impulses(self, force: Array) -> Array:
