@@ -21,9 +21,11 @@ STATIC, RIGID = 1e12, 1e-10
 def checked_matrix(name: str, value: Any, n: int | None) -> Any:
     """A symmetric matrix, sparse if it was."""
     try:
-        matrix = sparse.csc_array(value, dtype=float) if sparse.issparse(value) else np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} = {checks.short(value)}: it must be a matrix of numbers") from None
+        # In coordinates SciPy finds an index out of range; elsewhere it would read beyond its arrays.
+        sparsely = sparse.issparse(value)
+        matrix = sparse.csc_array(value.tocoo(), dtype=float) if sparsely else np.array(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} = {checks.short(value)}: it must be a matrix of numbers ({error})") from None
     allowed = "a square matrix" if n is None else f"of shape ({n}, {n}), as the mass matrix"
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or n not in (None, matrix.shape[0]):
         raise InputError(f"{name} of shape {matrix.shape}: it must be {allowed}")

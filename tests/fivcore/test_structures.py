@@ -141,6 +141,8 @@ def test_a_plate_of_a_hundred_thousand_degrees_of_freedom():
 M3, K3 = np.eye(3), np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
 ROWS = {"normal": {0: 1.0}, "tangential": {1: 1.0}, "load": {0: -1.0}}
 SWAPPED = np.array([[2.0, -1.0, 0.0], [0.0, 2.0, -1.0], [0.0, 0.0, 1.0]])
+OUT_OF_RANGE = sparse.csr_array(K3)
+OUT_OF_RANGE.indices[1] = 10**6
 WRONG_MATRICES = [
     ({"mass": np.eye(2)}, "stiffness of shape (3, 3)"),
     ({"mass": np.ones((2, 3))}, "mass of shape (2, 3): it must be a square matrix"),
@@ -152,6 +154,7 @@ WRONG_MATRICES = [
     ({"stiffness": K3 + np.diag([0.5, 0.0], 1)}, "stiffness: not symmetric"),
     ({"stiffness": SWAPPED}, "only one triangle is there"),
     ({"stiffness": sparse.csr_array(SWAPPED)}, "only one triangle is there"),
+    ({"stiffness": OUT_OF_RANGE}, "must be a matrix of numbers (axis 1 index 1000000 exceeds matrix dimension 3)"),
     ({"stiffness": -K3}, "stiffness: indefinite"),
     ({"stiffness": K3 * np.inf}, "stiffness: it has entries that are not finite"),
     ({"stiffness": np.eye(4)}, "stiffness of shape (4, 4): it must be of shape (3, 3)"),
