@@ -151,7 +151,7 @@ def with_unstable_intervals(dataset: xr.Dataset, rig: Rig, mu: float, V: float =
 def unstable_intervals(rig: Rig, mu: float, V: float, low: float, high: float) -> dict[str, Array]:
     """The variables of INTERVALS between two inclinations, degrees; a single inclination has none.
 
-    Only the sign of V matters: with V < 0 they are those of -theta. Intervals that cannot be told apart raise
+    Only the sign of V matters: with V < 0 they are those of -theta. A search that needs too many intervals raises
     `ArithmeticError`.
     """
     if low == high:

@@ -229,8 +229,8 @@ def crossings(table: Array, fmax: float, mu_max: float, rig: Rig, threads: int =
         if failed >= 0:
             where = f"row {start + failed}, theta = {rows[failed, 0]:g},"
             raise UnsolvedError(
-                f"flutter onsets: no friction up to mu_max = {mu_max:g} can be told apart in {where} "
-                f"below fmax = {fmax:g} Hz; choose a smaller band"
+                f"flutter onsets up to mu_max = {mu_max:g} in {where} below fmax = {fmax:g} Hz: "
+                "the search needs too many intervals; choose a smaller band"
             )
         found[:, 0] += start
         return found.T, divergence

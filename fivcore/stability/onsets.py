@@ -187,8 +187,8 @@ def proportional_crossings(own: Structure, fmax: float, mu_max: float) -> Array:
     number, judged = isolate(p, a, b, d1, d2, mu_max, brackets) if np.any(b) else (0, 0)
     if judged == MOST_INTERVALS:
         raise UnsolvedError(
-            f"flutter onsets: no friction up to mu_max = {mu_max:g} can be told apart below fmax = {fmax:g} Hz;"
-            " choose a smaller band"
+            f"flutter onsets up to mu_max = {mu_max:g} below fmax = {fmax:g} Hz: the search needs too many"
+            " intervals; choose a smaller band"
         )
     for low, high, pole in brackets[:number].tolist():
         system = int(pole), p, a, b, d1, d2
