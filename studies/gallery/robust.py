@@ -108,8 +108,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     start = f"from mu = {nominal:.4f} on, {float(at['nominal_onset_frequency']):.0f} Hz"
     below, never = 100.0 * np.mean(onset <= nominal), 100.0 * np.mean(np.isinf(onset))
     yield (
-        f"The nominal rig flutters {'at no mu' if np.isnan(nominal) else start} {where}; of {count} uncertain "
-        f"rigs {below:.0f} % flutter below that, {never:.3g} % at no mu (modes below {BAND / 1e3:g} kHz). "
+        f"The nominal rig {'does not flutter' if np.isnan(nominal) else f'flutters {start}'} {where}; of {count} "
+        f"uncertain rigs {below:.0f} % flutter below that, {never:.3g} % do not (modes below {BAND / 1e3:g} kHz). "
         f"Dominant parameters: {', '.join(at['text'].values[at['sobol_total'].values >= DOMINANT]) or 'none'}."
     )
     ends = np.array([RISKS, *uncertainty.wilson(RISKS, count)])

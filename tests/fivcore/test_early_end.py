@@ -165,6 +165,8 @@ def motion_of(run):
 
 READ = [NORMAL, SLIP_RATE, VELOCITY]
 MAPS = [(STABLE, None), (Scene(5e-3, 5.0, 0.2, 9.0), None), (Scene(0.1, 40.0, 0.6, 9.0), 150e3)]
+# Several blocks of modes: the first has both kinds, or the modes that move both gaps alone.
+MAPS += [(Scene(5e-3, 5.0, 0.2, 9.0), cutoff) for cutoff in (300e3, 1e6)]
 
 
 @pytest.mark.parametrize(("scene", "cutoff"), MAPS)
