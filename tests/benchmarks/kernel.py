@@ -22,7 +22,7 @@ import numpy as np
 from fivcore import Rig, Scene
 from fivcore.contact.reduced import reduced_model
 from fivcore.jit import kernel, reordered_call
-from fivcore.transient.fast.kernel import move_both, move_others
+from fivcore.transient.fast.kernel import move_both, move_normal
 from fivcore.transient.fast.run import aligned
 from fivcore.transient.fast.solver import frozen_solver
 from tests.benchmarks.tables import Column, Table
@@ -54,11 +54,11 @@ def _registers_alone(values: Any, count: int) -> None:
 
 
 @kernel
-def _modes_alone(modes: Any, both: int, size: int, blocks: int, steps: int) -> float:
+def _modes_alone(modes: Any, both: int, others: int, steps: int) -> float:
     total = 0.0
     for _ in range(steps):
-        gN, vN = move_others(modes, both, size, blocks, 1e-9)
-        more = move_both(modes, both, blocks, 1e-9, 1e-9)
+        gN, vN = move_normal(modes, np.uint64(both), np.uint64(others), 1e-9)
+        more = move_both(modes, both, both + others, 1, 1e-9, 1e-9)
         total += gN + vN + more[0] + more[1] + more[2] + more[3]
     return total
 
@@ -84,10 +84,10 @@ def modes_alone() -> tuple[float, int]:
     """Seconds per step, and operations."""
     model = reduced_model(Rig(), SCENE.theta)
     solver, steps = frozen_solver(model, SCENE.mu, model.default_step), 100_000
-    both, size, blocks = (int(solver.record[name][0]) for name in ("both", "modes", "blocks"))
+    both, others = (int(solver.record[name][0]) for name in ("both", "others"))
     modes = aligned(solver.blocks).ravel()
-    taken = shortest(lambda: _modes_alone(modes, both, size, blocks, steps)) / steps
-    operations = zip((both, size - both), (BOTH, NORMAL), strict=True)
+    taken = shortest(lambda: _modes_alone(modes, both, others, steps)) / steps
+    operations = zip((both, others), (BOTH, NORMAL), strict=True)
     return taken, sum(count * (2 * fused + plain) for count, (fused, plain) in operations)
 
 
