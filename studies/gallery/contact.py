@@ -230,7 +230,8 @@ def _draw_speed(column: np.ndarray, point: xr.Dataset) -> None:
 def periods(point: xr.Dataset) -> tuple[int, int, int]:
     """Indices of the drawn part of the window: its begin and end, two periods from a stick on; the first's end.
 
-    Periods differ, so the first is the one that moves P1 on most nearly by what P2 does in a period.
+    Periods differ. Of those with all four phases, if there are any, the first is the one that moves P1 on most
+    nearly by what P2 does in a period.
     """
     elapsed, frequency = point["elapsed"].values, float(point["dominant_frequency"])
     period = round(1.0 / (frequency * (elapsed[1] - elapsed[0]))) if np.isfinite(frequency) else len(elapsed)
@@ -241,6 +242,8 @@ def periods(point: xr.Dataset) -> tuple[int, int, int]:
     begins = np.array([a for a, b in sticks if 0 < a <= rest and b - a >= SHORTEST_STICK * period], dtype=int)
     if not len(begins):
         return 0, PERIODS * period, period
+    whole = [begin for begin in begins if len(main_phases(point["state"].values[begin : begin + period])) == 4]
+    begins = np.array(whole or begins, dtype=int)
     moved = np.abs(point["slip_displacement"].values[begins + period] - point["slip_displacement"].values[begins])
     first = int(begins[np.abs(moved - abs(float(point["V"])) / frequency).argmin()])
     return first, first + PERIODS * period, first + period

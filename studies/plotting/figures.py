@@ -5,6 +5,7 @@ Matplotlib is imported when something is drawn: workers and `fiv --help` never n
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
@@ -166,8 +167,10 @@ def one_two_five(*sides: Axis) -> None:
 
 
 def fitted(title: str, width: float) -> str:
-    """A figure's title, its lines broken where they are longer than the figure is wide, cm."""
-    return "\n".join(fill(line, int(LETTERS * width)) for line in title.splitlines())
+    """A figure's title, broken where a line is longer than the figure is wide, cm, but not in `F = 9 N`."""
+    whole = re.sub(r" = [^\s,]+(?: [^\s,=]+)?", lambda found: found[0].replace(" ", "\N{NO-BREAK SPACE}"), title)
+    broken = "\n".join(fill(line, int(LETTERS * width)) for line in whole.splitlines())
+    return broken.replace("\N{NO-BREAK SPACE}", " ")
 
 
 def letter(panels: Iterable[Axes], titles: Iterable[str]) -> None:

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from fivcore import Rig, Scene, glued_frequencies, painleve_mu, simulate
 from fivcore.contact import reduced
@@ -249,3 +250,15 @@ def test_the_main_phases_are_found_in_their_order():
     state = np.repeat(states, [9, 3, 5, 2, 1, 2, 8, 4, 2])
     assert contact.main_phases(state) == {1: (0, 9), 2: (9, 12), 3: (22, 30), 4: (30, 34)}
     assert contact.main_phases(np.full(5, stick)) == {1: (0, 5)}
+
+
+def test_the_drawn_period_has_all_phases_if_one_has():
+    stick, slip, separation = contact.STICK, contact.SLIP, contact.SEPARATION
+    parts = [[slip, 10], [stick, 60], [separation, 40], [stick, 60], [slip, 10], [separation, 20], [slip, 10]]
+    state = np.repeat(*zip(*parts, [stick, 200], strict=True))
+    time = 1e-5 * np.arange(len(state))
+    # P1 moves on like the drive in the first period, which has no slip.
+    series = {"elapsed": time, "state": state, "slip_displacement": 1e-3 * np.minimum(time, 1.1e-3)}
+    point = xr.Dataset({name: ("time", values) for name, values in series.items()})
+    point = point.assign(dominant_frequency=1e3, V=1e-3)
+    assert contact.periods(point) == (110, 310, 210)
