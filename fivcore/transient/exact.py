@@ -15,9 +15,9 @@ An event within DWELL of the last one (a graze, or the tip of the cone) is not a
 DWELL and the next one decided from the state alone. The motion stays linear and its energy balance exact; where
 gap or cone were overstepped meanwhile, the decision changes u, booked as impact.
 
-Where friction jumps to a kinetic coefficient, slip is linear with that one. A contact that moves goes on moving as
-long as it can, and one that sticks slips where |T| = mu N, at once at a finite rate. Where friction falls with the
-speed, slip is that of `fivcore.transient.exact_falling`.
+Where friction jumps to a kinetic coefficient, slip is linear with that one. A slipping contact sticks only where
+kinetic friction holds it, and a sticking one slips where |T| = mu N, at once at a finite rate. Where friction falls
+with the speed, slip is that of `fivcore.transient.exact_falling`.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class ExactRun(SteppedRun):
             y[n : 2 * n] = initial.velocity[model.kept]
             u = residual_gaps(scene, model.kept, initial)
             y[2 * n :] = u - np.linalg.solve(model.K, [1.0, 0.0])
-        # In a ramp of 10 ns the acceleration is so large that the motion is lost in rounding beside it.
+        # The acceleration in a ramp of 10 ns is so large that the motion would be lost in its rounding.
         self._ramp = options.ramp if options.ramp >= SHORT * unit else 0.0
         if initial is not None and initial.running:
             self._ramp = 0.0
@@ -206,7 +206,7 @@ class ExactRun(SteppedRun):
             return
         N, T = self._sticking_force(t, y)
         which = SLIP_UP if T > 0.0 else SLIP_DOWN
-        # A contact that moves goes on moving as long as it can.
+        # A slipping contact sticks only where kinetic friction holds it.
         sticks = N > 0.0 and abs(T) <= (self.scene.mu if was == STICK else self._slipping) * N
         if not sticks and self._slipping_force(N, T) <= 0.0:
             self._enter(t, SEPARATION, y, (2 if was == SEPARATION else 1, 0, 0))

@@ -53,7 +53,7 @@ def move(x: Any, first: Any, count: Any, impulse_N: float, impulse_T: float) -> 
 
 @reordered
 def move_normal(x: Any, first: Any, count: Any, impulse_N: float) -> Any:
-    """Do the same with modes that move the normal gap alone; return that gap and its rate."""
+    """Do the same with modes that move only the normal gap; return this gap and its rate."""
     gN, vN = 0.0, 0.0
     for j in range(first, first + count):
         normal = x[j + _NORMAL]
@@ -96,9 +96,9 @@ def finish(x: Any, first: Any, count: Any, impulse_N: float, impulse_T: float) -
 
 @reordered
 def observe(x: Any, first: Any, count: Any, last_N: float, last_T: float) -> Any:
-    """Velocity of B before the impulse, and what gives the power that a block of modes loses in the middle of it.
+    """Velocity of B and power that a block of modes loses, both before the impulse.
 
-    These are its power before the impulse, and by how much it grows with N and with T, to first order.
+    The last two numbers are the change of the power, to first order, for unit impulses in N and T.
     """
     speed, power, by_N, by_T = 0.0, 0.0, 0.0, 0.0
     for j in range(first, first + count):

@@ -283,7 +283,7 @@ class FastRun:
         if self._tables is NONE:
             record["next_skip"] = at.NEVER
         elif record["contact"] == STICK:
-            # Where a sample is due.
+            # At the next sample at the earliest.
             due = int(record["next_skip"][0])
             record["next_skip"] = max(due if due < at.NEVER else 0, int(record["next_sample"][0]))
         record["stopped"] = record["samples"] = record["rows"] = record["sticks"] = 0

@@ -70,7 +70,7 @@ class SkipTables(NamedTuple):
     # The line in x, (2 m, 5), and the gaps of x with their rates, (4, 2 m).
     drift: Array
     shapes: Array
-    # Numbers of the modes' displacements in blocks in a row, (n,).
+    # Index of each mode's displacement in the flat array of all blocks, (n,).
     numbers: NDArray[np.int64]
 
 
