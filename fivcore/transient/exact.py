@@ -16,8 +16,8 @@ DWELL and the next one decided from the state alone. The motion stays linear and
 gap or cone were overstepped meanwhile, the decision changes u, booked as impact.
 
 Where friction jumps to a kinetic coefficient, slip is linear with that one. A slipping contact sticks only where
-kinetic friction holds it, and a sticking one slips where |T| = mu N, at once at a finite rate. Where friction falls
-with the speed, slip is that of `fivcore.transient.exact_falling`.
+kinetic friction holds it, and a sticking one slips where |T| = mu N, at once at a finite rate.
+Where friction falls with the speed, slip is that of `fivcore.transient.exact_falling`.
 """
 
 from __future__ import annotations
