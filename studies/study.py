@@ -252,7 +252,6 @@ class Study:
             key=key if copies else None,
             scale=partial(scenes.factors, fixed=numbers) if copies else None,
             coords={name: axis for name, axis in coords.items() if name not in grid.axes},
-            code=("fivcore",),
             title=self.title,
             derive=partial(finish, self.derive, self.dims, about),
             # The modes of P1, of a rig and of an inclination are computed once for neighbours.

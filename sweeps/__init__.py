@@ -7,11 +7,12 @@ A sweep is declared, planned, executed and stored. The engine knows no physics.
 from sweeps.compute.run import check_backend
 from sweeps.errors import AbandonedError, ClusterLostError, InputError, LockedError, MissingFileError, MixedWarning
 from sweeps.errors import SchedulerError, StoreError, SweepStoppedError
-from sweeps.fingerprint.code import load_script, plain
-from sweeps.fingerprint.identity import json_equal
+from sweeps.fingerprint.identity import json_equal, plain
+from sweeps.fingerprint.modules import load_script
 from sweeps.fingerprint.provenance import source
 from sweeps.grid import DONE, FAILED, INTERPOLATED, INTERPOLATED_FLAG, PENDING, SKIPPED, STATUS_FLAGS
 from sweeps.grid import Axis, Grid, Refinement, Variable, blocks, check_counts, check_size
+from sweeps.plan.adoption import Adopt
 from sweeps.plan.planning import duration, size
 from sweeps.refine.refine import refined
 from sweeps.refine.refine import report as refinement_report

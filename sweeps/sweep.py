@@ -9,8 +9,9 @@ import xarray as xr
 
 from sweeps.compute.run import execute
 from sweeps.errors import InputError
-from sweeps.fingerprint.code import plain
+from sweeps.fingerprint.identity import plain
 from sweeps.grid import Declaration
+from sweeps.plan.adoption import Adopt
 from sweeps.plan.planning import PlanData, make_plan, timed
 from sweeps.status import Progress
 from sweeps.task import Pointwise
@@ -77,7 +78,13 @@ class Sweep(Declaration):
         plain(self.constants)
 
     def plan(
-        self, store: Place = None, *, fresh: bool = False, retry_failed: bool = False, strict: bool = False
+        self,
+        store: Place = None,
+        *,
+        fresh: bool = False,
+        retry_failed: bool = False,
+        strict: bool = False,
+        adopt: int | Adopt = 0,
     ) -> "Plan":
         """Decide everything before the first expensive call, without calling the function.
 
@@ -90,14 +97,19 @@ class Sweep(Declaration):
         strict : bool
             Refuse to mix environments: versions of Python, libraries and BLAS, or kinds of processor. By default
             a mixture is a `MixedWarning`, and the file's attribute `environments` lists them.
+        adopt : int or Adopt
+            After a change of code, keep the stored results if so many stored computations, repeated when the plan
+            runs, agree: in all bits, or within four standard errors where a variable `x` has its standard error
+            `x_se` beside it. The history of the file says so. If they do not agree, nothing changes.
 
         Raises
         ------
         StoreError, InputError
-            If the store cannot be used or belongs to something else; the message says what differs. If the loaded
-            code is not that of its file; if strict, if environments differ.
+            If the store cannot be used or belongs to something else; the message says what differs. If strict, if
+            environments differ.
         """
-        return Plan(**make_plan(self, store, fresh=fresh, retry_failed=retry_failed, strict=strict))
+        fields = make_plan(self, store, fresh=fresh, retry_failed=retry_failed, strict=strict, adopt=adopt)
+        return Plan(**fields)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -159,7 +171,7 @@ class Plan(PlanData):
             After the first interrupt, when the batches that have begun are stored. After the second at once: as
             AbandonedError if threads still compute, for which a normal exit would wait.
         """
-        data, version = execute(self, scheduler, workers, progress, fail_fast)
+        data, after = execute(self, scheduler, workers, progress, fail_fast)
         # The same plan may run again: then it finds everything.
-        vars(self).update(version=version, whole=self.store is not None)
+        vars(self).update(vars(after))
         return data

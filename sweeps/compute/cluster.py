@@ -29,7 +29,7 @@ from distributed.utils import silence_logging_cmgr
 from numpy.typing import NDArray
 
 from sweeps.errors import ClusterLostError, InputError, SchedulerError, WorkerDied
-from sweeps.fingerprint.code import check_loaded, digests
+from sweeps.fingerprint.code import digests
 from sweeps.fingerprint.provenance import environment
 from sweeps.storage.parts import PartWriter
 from sweeps.task import BatchSummary, Task, importable
@@ -191,7 +191,6 @@ class _Payload(distributed.WorkerPlugin):
     def task_and_writer(self) -> tuple[Task, PartWriter | None]:
         """The task, if this worker has the client's code, and the writer of parts, if it sees their folder."""
         task, functions, names, expected, token = cloudpickle.loads(self.content)
-        check_loaded(functions, names)
         if digests(functions, names) != expected:
             raise InputError("this worker has another version of the code; install the same one everywhere")
         return task, PartWriter(self.probe.parent, task.stored, token) if self.probe and self.is_seen() else None

@@ -1,11 +1,13 @@
 """The execution of a plan: one loop over batches, which are computed, stored and assembled."""
 
+import json
 import signal
 import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import replace
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -17,14 +19,14 @@ from numpy.typing import NDArray
 
 from sweeps import errors
 from sweeps.errors import DamagedError, SchedulerError, StoreError, SweepStoppedError, WorkerDied
-from sweeps.fingerprint.code import check_loaded
-from sweeps.fingerprint.identity import functions_of
+from sweeps.fingerprint.identity import steady
 from sweeps.fingerprint.provenance import Environment, environment
+from sweeps.plan.adoption import Adoption, confirm
 from sweeps.plan.batches import BatchSizes, Queue
-from sweeps.plan.planning import ROW_BYTES, PlanData, mixture, select
+from sweeps.plan.planning import ENGINE, ROW_BYTES, PlanData, mixture, select
 from sweeps.status import Monitor, Progress
 from sweeps.storage.assemble import Source, Table, assemble, declared
-from sweeps.storage.existing import opened
+from sweeps.storage.existing import existing, opened
 from sweeps.storage.netcdf import described, write
 from sweeps.storage.parts import BOOKKEEPING, PartSource, PartWriter
 from sweeps.storage.store import Store
@@ -37,16 +39,57 @@ TICK = 0.1
 
 def execute(
     plan: PlanData, scheduler: Any, workers: int | None, progress: Progress | None, fail_fast: bool
-) -> tuple[xr.Dataset, tuple[Any, ...]]:
-    """Run a plan; see `sweeps.Plan.run`. Returns the dataset and the new version of the store."""
+) -> tuple[xr.Dataset, PlanData]:
+    """Run a plan; see `sweeps.Plan.run`. Returns the dataset and the plan as it is after that."""
     check_backend(scheduler, workers)
     if plan.store is None:
         table = _Run(plan, None, progress, fail_fast).compute(scheduler, workers)
-        return declared(described(plan.manifest, assemble(table, lazy=False), plan.sweep.derive)), ()
+        return declared(described(plan.manifest, assemble(table, lazy=False), plan.sweep.derive)), plan
     store = Store(plan.store)
+    if not (plan.todo or plan.adoption):
+        return _finish(plan, store, scheduler, workers, progress, fail_fast)
+    with steady(plan.sweep, ENGINE, plan.manifest.attributes["fingerprint"]):
+        if plan.adoption is not None:
+            plan = _adopt(plan, store, plan.adoption, scheduler, workers, progress)
+        return _finish(plan, store, scheduler, workers, progress, fail_fast)
+
+
+def _adopt(
+    plan: PlanData, store: Store, chosen: Adoption, scheduler: Any, workers: int | None, progress: Progress | None
+) -> PlanData:
+    """Repeat stored computations; if they agree, the file becomes one of the present code. Return the new plan."""
+    due = np.zeros(plan.manifest.grid.size, dtype=bool)
+    due[chosen.points] = True
+    nothing: dict[str, Any] = {"sources": (), "environments": (), "cached": 0, "store": None, "seconds": 0.0}
+    trial = replace(plan, **nothing, due=due, todo=len(chosen.points), sweep=replace(plan.sweep, refinement=None))
+    before = Table(plan.manifest, [each for each in plan.sources if each.name not in plan.damaged])
+    with store.locked():
+        _check_version(plan, store)
+        line = confirm(chosen, before, _Run(trial, None, progress, False).compute(scheduler, workers))
+        remark = "; ".join(filter(None, [plan.sweep.remark, line]))
+        manifest = replace(plan.manifest, attributes={**plan.manifest.attributes, "remark": remark})
+        # What follows from all points follows when they are there.
+        write(store, Table(manifest, before.sources), None if plan.todo else plan.sweep.derive)
+        store.clear()
+    own = json.loads(plan.manifest.attributes["fingerprint"])
+    present = existing(store, plan.sweep.name, own)
+    sources = () if present is None else tuple(present.sources)
+    return replace(
+        plan, sources=sources, version=store.version(), whole=not plan.todo, adoption=None, adopted=line
+    )
+
+
+def _check_version(plan: PlanData, store: Store) -> None:
+    if store.version() != plan.version:
+        raise StoreError(f"{store.file} has changed since this was planned; plan again")
+
+
+def _finish(
+    plan: PlanData, store: Store, scheduler: Any, workers: int | None, progress: Progress | None, fail_fast: bool
+) -> tuple[xr.Dataset, PlanData]:
+    """Compute what is missing, write the file and read what is requested; return the plan as it is then."""
     with nullcontext() if plan.whole else store.locked():
-        if store.version() != plan.version:
-            raise StoreError(f"{store.file} has changed since this was planned; plan again")
+        _check_version(plan, store)
         if not plan.whole:
             table = _Run(plan, store, progress, fail_fast).compute(scheduler, workers)
             try:
@@ -62,7 +105,7 @@ def execute(
         # They remain of a run that was killed when its file was complete; whoever releases the lock removes them.
         with suppress(StoreError), store.locked():
             pass
-    return _requested(plan, store), store.version()
+    return _requested(plan, store), replace(plan, version=store.version(), whole=True)
 
 
 def check_backend(scheduler: Any, workers: int | None) -> None:
@@ -178,7 +221,7 @@ class _Run:
 
     def _check_environments(self, environments: Sequence[Environment], *, strict: bool = True) -> None:
         if line := mixture(self.plan.store or self.plan.sweep.name, environments, strict and self.plan.strict):
-            warnings.warn(line, errors.MixedWarning, stacklevel=6)
+            warnings.warn(line, errors.MixedWarning, stacklevel=6 + (self.store is not None))
 
     @contextmanager
     def _writing(self, store: Store) -> Iterator[None]:
@@ -205,7 +248,6 @@ class _Run:
             self.environments += executor.environments(plan.task.libraries)
             self._check_environments(self.environments)
             if (store := self.store) is not None:
-                check_loaded(functions_of(plan.sweep), plan.sweep.code)
                 with self._writing(store):
                     store.parts.mkdir(parents=True, exist_ok=True)
                     # Temporary files of killed runs, damaged parts, and parts of another manifest.

@@ -1,17 +1,27 @@
 """The fingerprint of a sweep: results of two sweeps mix only if all of it is equal.
 
-The values of the axes are not part of it, since grids grow. The code of constants' classes is.
+The values of the axes are not part of it, since grids grow.
 """
 
+import dataclasses
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from enum import Enum
 from typing import Any
 
-from sweeps.fingerprint.code import digest, digests, plain
+import numpy as np
+import pandas as pd
+
+from sweeps.errors import InputError, StoreError
+from sweeps.fingerprint.bytecode import digest
+from sweeps.fingerprint.code import COMPILER, Covered, covered, digests, settle
 from sweeps.grid import Declaration, Grid
 
-# Longer axes are summarised in the configuration.
-LISTED = 20
+# Longer axes are summarised in the configuration, and longer arrays.
+LISTED, LONG = 20, 1000
+# Parts of a fingerprint that are of code.
+CODE = {"code", "sources", "compiler"}
 ABSENT = object()
 # Properties of a variable by which results are compared.
 COMPARED = ("dtype", "dims", "digits", "scale", "units")
@@ -27,30 +37,89 @@ def configuration(sweep: Declaration, grid: Grid) -> str:
     return json.dumps({"name": sweep.name, "axes": axes, "constants": plain(sweep.constants)} | request)
 
 
+def plain(value: Any) -> Any:
+    """Return a constant as JSON represents it, long arrays by their digest.
+
+    An `InputError` if it is not of numbers, strings, arrays, tables, dataclasses and containers of these.
+    """
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    if isinstance(value, pd.Series):
+        value = value.to_frame()
+    if isinstance(value, pd.DataFrame):
+        value = {"index": value.index.to_numpy(), **{str(k): column.to_numpy() for k, column in value.items()}}
+    if isinstance(value, Mapping):
+        return {str(key): plain(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(each) for each in value]
+    if isinstance(value, (complex, np.complexfloating)):
+        return [value.real, value.imag]
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, np.ndarray) and value.size > LONG and not value.dtype.hasobject:
+        return f"array of shape {value.shape}, {digest(np.ascontiguousarray(value).tobytes())}"
+    if isinstance(value, (np.ndarray, np.generic)):
+        return plain(value.tolist())
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    raise InputError(f"constants contain {value!r}, which cannot be written as JSON")
+
+
+def _is_exact(value: Any) -> bool:
+    """Whether `plain` loses nothing of a constant: neither its type nor that of its keys."""
+    if isinstance(value, (list, tuple)):
+        return all(map(_is_exact, value))
+    if isinstance(value, dict):
+        return all(isinstance(key, str) and _is_exact(each) for key, each in value.items())
+    return value is None or isinstance(value, (bool, int, float, str, np.integer, np.bool_))
+
+
 def functions_of(sweep: Declaration) -> list[Callable[..., Any]]:
-    """The functions and classes whose code decides the values of a sweep."""
-    classes = set[type]()
-    plain(sweep.constants, classes)
-    functions = (sweep.function, sweep.key, sweep.scale)
-    return [*(each for each in functions if each is not None), *sorted(classes, key=repr)]
+    """The functions whose code decides the values of a sweep."""
+    return [each for each in (sweep.function, sweep.key, sweep.scale) if each is not None]
 
 
-def fingerprint(sweep: Declaration, engine: tuple[Callable[..., Any], ...]) -> dict[str, Any]:
-    """Everything by which results are compared, as JSON; `engine` are functions here that change values."""
+def coverage(sweep: Declaration, engine: Sequence[Callable[..., Any]] = ()) -> Covered:
+    """The code on which the values of a sweep depend, and the contents of constants that JSON does not keep."""
+    values = {name: each for name, each in sweep.constants.items() if not _is_exact(each)}
+    return covered([*functions_of(sweep), *engine], sweep.code, values)
+
+
+def fingerprint(sweep: Declaration, reached: Covered) -> dict[str, Any]:
+    """Everything by which results are compared, as JSON."""
     raw = {name: axis.values.dtype.str.encode() + axis.values.tobytes() for name, axis in sweep.coords.items()}
     coords = {name: f"{len(sweep.coords[name])} values {digest(each)}" for name, each in raw.items()}
     # In the order in which differences are reported.
     parts = {
         "constants": plain(sweep.constants),
+        "values": reached.values,
         "axes": {k: {"units": a.units, "text": a.values.dtype.kind == "U"} for k, a in sweep.grid.axes.items()},
         "groups": sweep.grid.groups,
         "variables": {k: {what: getattr(v, what) for what in COMPARED} for k, v in sweep.stored.items()},
         "coords": coords,
         "name": sweep.name,
-        "code": digests([*functions_of(sweep), *engine], sweep.code),
+        "code": reached.code,
+        "sources": reached.sources,
+        "compiler": COMPILER,
     }
     parts |= {"sample": plain(sweep.grid.sampling)} if sweep.grid.sampling else {}
     return dict(json.loads(json.dumps(parts)))
+
+
+@contextmanager
+def steady(sweep: Declaration, engine: Sequence[Callable[..., Any]], planned: str) -> Iterator[None]:
+    """Refuse to compute with other code or constants than was planned; a StoreError says what has changed.
+
+    What the code changes while it runs, such as a cache, counts as it was before.
+    """
+    before = coverage(sweep, engine)
+    if changed := differences(json.loads(planned), fingerprint(sweep, before)):
+        raise StoreError(f"{sweep.name} has changed since this was planned ({changed}); plan again")
+    try:
+        yield
+    finally:
+        with suppress(InputError):
+            settle(before.code, coverage(sweep, engine).code)
 
 
 def metadata_digest(sweep: Declaration) -> str:
@@ -65,22 +134,45 @@ def metadata_digest(sweep: Declaration) -> str:
     return digest(json.dumps(shown).encode())
 
 
-def differences(stored: Mapping[str, Any], present: Mapping[str, Any]) -> str:
-    """Describe how two fingerprints differ, in one line; "" if they are equal."""
-    lines, names = list[str](), list[str]()
-    for name, *both in _changed(stored, present):
+def differences(stored: Mapping[str, Any], present: Mapping[str, Any], *, code: bool = True) -> str:
+    """Describe how two fingerprints differ, in one line; "" if they are equal. Without `code` this is left out."""
+    before, now = ({name: each for name, each in both.items() if name not in CODE} for both in (stored, present))
+    if "compiler" not in stored:  # of an earlier version, which had no digests of values
+        now.pop("values", None)
+    lines = list[str]()
+    for name, *values in _changed(before, now):
         part, _, inner = name.partition(".")
-        if part == "code":
-            names.append(inner)
-        else:
-            texts = ["nothing" if value is ABSENT else json.dumps(value) for value in both]
-            before, now = (text if len(text) <= 60 else f"{text[:57]}..." for text in texts)
-            what = inner if part == "constants" else f"{part} {inner}".rstrip()
-            lines.append(f"{what} = {before} there, {now} here")
-    if names:
-        others = " and others" if len(names) > 3 else ""
-        lines.append(f"the code of {', '.join(sorted(names)[:3])}{others} has changed")
+        there, here = ("nothing" if value is ABSENT else json.dumps(value) for value in values)
+        what = {"constants": inner, "values": f"the content of {inner}"}.get(part, f"{part} {inner}".rstrip())
+        lines.append(f"{what} = {_shortened(there)} there, {_shortened(here)} here")
+    if code and (line := _code_difference(stored, present)):
+        lines.insert(3, line)
     return "; ".join(lines[:4])
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def recompiled(attributes: Mapping[str, str], present: Mapping[str, Any]) -> str:
+    """Say that stored results are of the same sources, which another Python has compiled; "" if they are not."""
+    compiler = json.loads(attributes.get("fingerprint", "{}")).get("compiler")
+    if compiler in (None, present.get("compiler")):
+        return ""
+    return f"results are computed by code that {compiler} has compiled; the sources are the same"
+
+
+def _code_difference(stored: Mapping[str, Any], present: Mapping[str, Any]) -> str:
+    compiler = stored.get("compiler")
+    if compiler is None:
+        return "the fingerprint of its code is of an earlier version of sweeps"
+    if compiler != present["compiler"]:
+        # Another Python compiles otherwise, so the sources decide.
+        same = stored["sources"] == present["sources"]
+        return "" if same else f"the sources have changed since {compiler} compiled them"
+    names = sorted(name for name, *_ in _changed(stored["code"], present["code"]))
+    others = " and others" if len(names) > 3 else ""
+    return f"the code of {', '.join(names[:3])}{others} has changed" if names else ""
 
 
 def _changed(before: Any, now: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:

@@ -43,11 +43,17 @@ def mixed(environments: Sequence[Environment]) -> str:
 
 
 @cache
+def distributions() -> Mapping[str, list[str]]:
+    """The distributions of each top-level name; to find them takes half a second."""
+    return packages_distributions()
+
+
+@cache
 def _version(name: str) -> str:
     try:
         return version(name)
     except PackageNotFoundError:  # the distribution may have another name
-        found = packages_distributions().get(name)
+        found = distributions().get(name)
         return version(found[0]) if found else ""
 
 
@@ -77,7 +83,7 @@ def _processor() -> str:
 @cache
 def source(package: str) -> str:
     """Distribution, version and commit of a package; of a module without a distribution its name."""
-    if not (names := packages_distributions().get(package)):
+    if not (names := distributions().get(package)):
         return package
     number, _, local = _version(names[0]).partition("+")
     # As setuptools-scm writes it: g1a2b3c4 or g1a2b3c4.d20261120.

@@ -6,6 +6,7 @@ is refined. A plan keeps some 15 bytes for each point.
 
 import json
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
@@ -15,11 +16,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sweeps.errors import DamagedError, InputError, StoreError
-from sweeps.fingerprint.code import check_loaded, home_of, libraries
-from sweeps.fingerprint.identity import configuration, fingerprint, functions_of, metadata_digest
+from sweeps.errors import DamagedError, InputError, MixedWarning, StoreError
+from sweeps.fingerprint.identity import (
+    configuration,
+    coverage,
+    differences,
+    fingerprint,
+    metadata_digest,
+    recompiled,
+)
+from sweeps.fingerprint.modules import home_of
 from sweeps.fingerprint.provenance import Environment, environment, mixed, source
 from sweeps.grid import BLOCK, FAILED, PENDING, Alignment, Declaration, Grid, Refinement, check_size, first_equal
+from sweeps.plan import adoption
 from sweeps.refine.lattice import choose
 from sweeps.sample import check_same_draws
 from sweeps.storage.assemble import LARGE, Source, Table, rounded, scaled
@@ -32,6 +41,8 @@ Flags = NDArray[np.bool_]
 Fields = dict[str, Any]
 # The functions of the engine that change a value belong to the fingerprint.
 ENGINE = (rounded, scaled)
+# Modules that a plan names; of more their packages.
+MOST_NAMES = 4
 # Bytes of a point besides its results: status, error, computing time.
 ROW_BYTES = 16
 # The share of a rounded float that compression leaves.
@@ -73,6 +84,8 @@ class PlanData:
     covers: tuple[str, ...]
     whole: bool
     strict: bool
+    adoption: adoption.Adoption | None
+    adopted: str = ""
 
     @property
     def most_seconds(self) -> float:
@@ -87,6 +100,8 @@ class PlanData:
         chosen = f"to {count} points ({100.0 * count / self.points:.3g} %)"
         chosen += " so far; their results may request more" * (self.todo > 0)
         others = mixed([*self.environments, environment(self.task.libraries)])
+        covers = [name for name in self.covers if not name.startswith("sweeps.")]
+        packages = sorted({name.partition(".")[0] for name in covers})
         rows = {
             "sweep": self.sweep.name,
             "grid": " x ".join(f"{dim} {n}" for dim, n in zip(grid.dims, grid.shape, strict=True)),
@@ -99,8 +114,9 @@ class PlanData:
             "file size": size(self.bytes),
             "estimated time": f"{time} on one core" if self.seconds > 0 else time,
             "at most": f"{duration(most)} for all points" if (most := self.most_seconds) > self.seconds else "",
+            "adoption": str(self.adoption or self.adopted),
             "file": str(self.store or ""),
-            "depends on": ", ".join(name for name in self.covers if not name.startswith("sweeps.")),
+            "depends on": ", ".join(covers if len(covers) <= MOST_NAMES else packages),
             "environment": others and f"{others}; stored points stay",
         }
         damaged = [("damaged", f"{name}: its points are computed again") for name in self.damaged]
@@ -129,16 +145,18 @@ def size(count: float) -> str:
 
 
 def make_plan(
-    sweep: Declaration, store: str | Path | None, *, fresh: bool, retry_failed: bool, strict: bool
+    sweep: Declaration, store: str | Path | None, *, fresh: bool, retry_failed: bool, strict: bool, adopt: Any
 ) -> dict[str, Any]:
     """The fields of the plan of a sweep; see `sweeps.Sweep.plan`."""
-    if store is None:
-        return _make_plan(sweep, None, fresh, retry_failed, strict)
+    if store is None or (fresh and adopt):
+        if adopt:
+            raise InputError("adopt: it is for stored results; give their file, and leave fresh out")
+        return _make_plan(sweep, None, fresh, retry_failed, strict, adopt)
     place = Store(store)
     place.check_place(sweep.name)
     before = signature(place.file), signature(place.manifest)
     try:
-        return _make_plan(sweep, place, fresh, retry_failed, strict)
+        return _make_plan(sweep, place, fresh, retry_failed, strict, adopt)
     except StoreError:
         # A file that is replaced while it is read seems damaged.
         if (signature(place.file), signature(place.manifest)) != before:
@@ -146,7 +164,9 @@ def make_plan(
         raise
 
 
-def _make_plan(sweep: Declaration, place: Store | None, fresh: bool, retry_failed: bool, strict: bool) -> Fields:
+def _make_plan(
+    sweep: Declaration, place: Store | None, fresh: bool, retry_failed: bool, strict: bool, adopt: Any
+) -> Fields:
     # Before anything is read: a later change makes the plan outdated.
     version = () if place is None else place.version()
     check_size(sweep.grid)
@@ -155,22 +175,19 @@ def _make_plan(sweep: Declaration, place: Store | None, fresh: bool, retry_faile
         function = inner
     attributes = {"source": source(home_of(function).partition(".")[0])}
     present, own, imported = Existing(sweep.grid, [], {}), dict[str, Any](code={}), tuple[str, ...]()
-    try:
-        imported = tuple(libraries(functions_of(sweep), sweep.code))
-    except InputError:
-        # Without a store nothing is compared, so the function may carry anything.
-        if place is not None:
-            raise
+    # Without a store nothing is compared, so the function may carry anything.
     if place is not None:
-        check_loaded(functions_of(sweep), sweep.code)
-        own = fingerprint(sweep, ENGINE)
+        reached = coverage(sweep, ENGINE)
+        own, imported = fingerprint(sweep, reached), reached.libraries
         attributes |= {"fingerprint": json.dumps(own), "metadata_digest": metadata_digest(sweep)}
         if fresh:
             check_replaceable(place, sweep.name)
         else:
-            present = existing(place, sweep.name, own) or present
+            present = existing(place, sweep.name, own, code=not adopt) or present
             check_same_draws(place.file, present.grid, sweep.grid)
 
+    if (line := recompiled(present.attributes, own)) and not adopt:
+        warnings.warn(f"{sweep.name}: {line}", MixedWarning, stacklevel=4)
     grid = present.grid.union(sweep.grid)
     check_size(grid)
     attributes["configuration"] = configuration(sweep, grid)
@@ -189,6 +206,9 @@ def _make_plan(sweep: Declaration, place: Store | None, fresh: bool, retry_faile
         # A run that started over and was interrupted starts over still.
         manifest = replace(manifest, fresh=before.fresh, token=token, earlier={**before.earlier, **earlier})
     selection = select(sweep, manifest, requested, present.sources, retry_failed)
+    adopted = None
+    if adopt and present.sources and differences(json.loads(present.attributes["fingerprint"]), own):
+        adopted = adoption.choose(adopt, Table(manifest, present.sources))
     file = None if place is None else place.file
     mixture(file or sweep.name, [*selection["environments"], environment(imported)], strict)
     finished = bool(present.sources) and present.manifest is None and not selection["todo"]
@@ -209,8 +229,9 @@ def _make_plan(sweep: Declaration, place: Store | None, fresh: bool, retry_faile
         "sources": tuple(present.sources),
         "version": version,
         "covers": tuple(own["code"]),
-        "whole": finished and same and grid.size == present.grid.size,
+        "whole": finished and same and grid.size == present.grid.size and adopted is None,
         "strict": strict,
+        "adoption": adopted,
     }
 
 

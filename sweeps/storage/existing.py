@@ -28,14 +28,17 @@ class Existing(NamedTuple):
     manifest: Manifest | None = None
 
 
-def existing(store: Store, name: str, fingerprint: dict[str, Any]) -> Existing | None:
-    """The results that a sweep resumes; None if there are none. A `StoreError` says what differs."""
+def existing(store: Store, name: str, fingerprint: dict[str, Any], *, code: bool = True) -> Existing | None:
+    """The results that a sweep resumes; None if there are none. A `StoreError` says what differs.
+
+    Without `code`, results of other code are taken as well.
+    """
     if (manifest := Manifest.load(store)) is None:
-        return _finished(store, name, fingerprint) if store.file.exists() else None
+        return _finished(store, name, fingerprint, code=code) if store.file.exists() else None
     _check_name(store.parts, manifest.name, name)
     replaces = manifest.fresh and store.file.exists()
     keep = f"; or remove {store.parts} to keep {store.file.name} as it is" if replaces else ""
-    _check_same(store.parts, manifest.attributes, fingerprint, keep)
+    _check_same(store.parts, manifest.attributes, fingerprint, keep, code=code)
     return Existing(manifest.grid, sources_of(store, manifest, strict=True), manifest.attributes, manifest)
 
 
@@ -71,11 +74,13 @@ def _check_name(place: Path, owner: str | None, name: str) -> None:
         raise StoreError(f"{place} {whose}; the results of {name} need another folder")
 
 
-def _finished(store: Store, name: str, fingerprint: dict[str, Any], *, complete: bool = True) -> Existing:
+def _finished(
+    store: Store, name: str, fingerprint: dict[str, Any], *, complete: bool = True, code: bool = True
+) -> Existing:
     """A finished file; readers of its status alone do not check all of it (`complete`)."""
     path = store.file
     with _own_file(store, name, complete=complete) as data:
-        _check_same(path, data.attrs, fingerprint)
+        _check_same(path, data.attrs, fingerprint, code=code)
         try:
             stored = json.loads(data.attrs["fingerprint"])
             grid = Grid({axis: Axis(data[axis].values) for axis in stored["axes"]}, stored["groups"])
@@ -119,9 +124,11 @@ def _open(path: Path, *, complete: bool = True, **options: Any) -> xr.Dataset:
         raise InputError("is damaged or not netCDF") from None
 
 
-def _check_same(place: Path, attributes: Mapping[str, Any], fingerprint: dict[str, Any], keep: str = "") -> None:
+def _check_same(
+    place: Path, attributes: Mapping[str, Any], fingerprint: dict[str, Any], keep: str = "", *, code: bool = True
+) -> None:
     try:
-        different = differences(json.loads(attributes["fingerprint"]), fingerprint)
+        different = differences(json.loads(attributes["fingerprint"]), fingerprint, code=code)
     except UNREADABLE:
         raise StoreError(f"{place} does not say what made it; {ANEW}{keep}") from None
     if different:

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from sweeps import Axis, Grid, Refinement, Sweep, Variable, refined
+from tests.helpers.state import Log, Told
 
-# What was computed, and which points fail; not part of a sweep's identity, as arguments would be.
-LOG: list[tuple] = []
-BROKEN: dict[str, set] = {"points": set()}
+# What was computed, and which points fail.
+LOG, BROKEN = Log(), Told(points=set())
 POWERS = Axis([1, 2, 3])
 
 

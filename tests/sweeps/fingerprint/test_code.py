@@ -1,8 +1,10 @@
-"""What changes the digest of a function, what does not, and what is refused."""
+"""What changes the digest of a function that is loaded, what does not, and what is refused."""
 
+import collections
 import dataclasses
 import enum
 import functools
+import hashlib
 import importlib
 import json
 import math
@@ -12,15 +14,21 @@ import subprocess
 import sys
 import textwrap
 import threading
+import tomllib
+import types
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from numba import njit
+from scipy.interpolate import CubicSpline
 
 from studies import registry
-from sweeps import InputError, load_script
-from sweeps.fingerprint.code import check_loaded, digests, libraries
+from sweeps import InputError, StoreError, Sweep, load_script, pointwise
+from sweeps.fingerprint import modules, provenance
+from sweeps.fingerprint.code import covered, digests
+from sweeps.fingerprint.modules import LIBRARIES
 from tests import HOME
 
 # A program of several modules. Every marked edit changes the digest of `compute`.
@@ -93,7 +101,7 @@ PROGRAM = {
         LIMITS.update(middle=4.0)  # edit: 4.0 -> 4.5
         for name in ("a", "b"):
             LIMITS[name] = 1.0  # edit: 1.0 -> 1.5
-        chosen.SHIFT = 3  # edit: 3 -> 4
+        chosen.FACTOR = chosen.FACTOR * 3  # edit: 3 -> 4
         DEFAULT = 1.5  # edit: 1.5 -> 1.6
         CHOICES = {"up": lambda x: x + 1, "down": lambda x: x - 1}  # edit: x - 1 -> x - 2
         def doubled(function):
@@ -116,9 +124,13 @@ PROGRAM = {
         def f(points):
             return helper(points)
         ''',
-    # Another package beside it counts as a whole.
-    "beside/__init__.py": "from .inner import near\nUNUSED = 1  # edit: 1 -> 2\n",
-    "beside/inner.py": "import scipy\nfrom further import K\ndef near():\n    return K  # edit: K -> K + 1\n",
+    "beside/__init__.py": "from .inner import near\n",
+    "beside/inner.py": """
+        import scipy
+        from further import K
+        def near():
+            return scipy.e * K  # edit: K -> K + 1
+        """,
     "further.py": "K = 1  # edit: 1 -> 2\n",
 }
 
@@ -173,23 +185,21 @@ def run(code, *folders, **environment):
     return subprocess.run(command, env=environment, cwd=folders[0], check=True, text=True, stdout=-1).stdout
 
 
-# Code that is reached by name, and packages that count as a whole.
+# Code that is reached by name.
 
 
 def test_every_edit_of_what_is_reached_counts(files):
     files()
     before = digests([files.load().compute])
     assert list(before) == sorted(before)
-    assert {"beside", "further", "ident", "ident.main"} < set(before)
-    assert not {"ident.figures", "numpy", "sys"} & set(before)
+    assert {"beside.inner", "ident.core", "ident.main", "ident.models"} < set(before)
+    assert not {"ident.figures", "numpy", "scipy", "sys"} & set(before)
     for name, text in PROGRAM.items():
-        module = name.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
-        module = "beside" if module == "beside.inner" else module
         for line in text.splitlines():
             found, _, edits = line.strip().partition("  # edit: ")
             for old, new in (edit.split(" -> ") for edit in edits.split(" | ") if edits):
                 files.edit(name, found, edited := found.replace(old, new))
-                assert module in changed(before, digests([files.load().compute])), edited
+                assert changed(before, digests([files.load().compute])), edited
                 files({name: text})
     assert digests([files.load().compute]) == before
 
@@ -198,6 +208,9 @@ def test_every_edit_of_what_is_reached_counts(files):
     ("name", "old", "new"),
     [
         ("main", '"""What it gives."""', '"""What it really gives."""'),
+        ("main", '"""What it gives."""', ""),
+        ("late", "return x + 6", '"""Late."""\n    return x + 6'),
+        ("models", "    unit", '    """A base."""\n    unit'),
         ("main", '"""The module computes."""', '"""Another text."""'),
         ("main", "  # a remark", "  # another"),
         ("main", "np.sin(total) * factor", "(\n        np.sin( total )\n    ) * factor"),
@@ -240,14 +253,30 @@ def test_of_the_engine_only_what_is_given_counts(files):
     assert "sweeps.fingerprint.code" in digests([f, digests])
 
 
-# What is declared.
+def test_equal_names_do_not_hide_what_is_swapped(files):
+    text = "C = {'up': lambda x: x + 1, 'down': lambda x: x - 1}\ndef f(p):\n    return C['up'](p)\n"
+    before = digests([files({"one.py": text}).load("one").f])
+    files(
+        {
+            "one.py": text.replace(
+                "'up': lambda x: x + 1, 'down': lambda x: x - 1", "'up': lambda x: x - 1, 'down': lambda x: x + 1"
+            )
+        }
+    )
+    assert digests([files.load("one").f]) != before
+
+
+# What is declared, and installed packages.
 
 
 def test_declared_files_and_folders_count_by_their_bytes(files):
     files({"one.py": "def f(p):\n    pass\n", "config.json": "1", "data/a/b.txt": "1", "data/c.txt": "1"})
-    f, code = files.load("one").f, [files.folder / "config.json", files.folder / "data"]
+    files({"other/config.json": "1"})
+    f, code = files.load("one").f, [files.folder / each for each in ("config.json", "data", "other/config.json")]
     before = digests([f], code)
     assert set(before) == {"one", "config.json", "data"}
+    files({"other/config.json": "2"})
+    assert changed(before, digests([f], code)) == ["config.json"]
     files({"config.json": "2", "data/a/b.txt": "2"})
     after = digests([f], code)
     assert changed(before, after) == ["config.json", "data"]
@@ -256,28 +285,73 @@ def test_declared_files_and_folders_count_by_their_bytes(files):
 
 
 @pytest.mark.parametrize("name", ["beside", "beside.inner", "further"])
-def test_a_declared_package_or_module_counts_as_a_whole(files, name):
+def test_a_declared_package_or_module_counts_with_all_that_it_defines(files, name):
     f, path = files().load("ident.core").other, "further.py" if name == "further" else "beside/inner.py"
     before = digests([f], [name])
     assert {"ident.core", name} <= set(before)
-    files({path: '"""A text."""\n' + PROGRAM[path].replace("K = 1", "K = (1)  # one")})
-    assert digests([f], [name]) == before
-    files({path: PROGRAM[path] + "UNUSED = 1\n"})
-    assert changed(before, digests([f], [name])) == [name]
+    files({path: '"""A text."""\n' + textwrap.dedent(PROGRAM[path]).replace("K = 1", "K = (1)  # one")})
+    assert digests([files.load("ident.core").other], [name]) == before
+    files({path: textwrap.dedent(PROGRAM[path]) + "UNUSED = 1\n"})
+    assert changed(before, digests([files.load("ident.core").other], [name])) == [path[:-3].replace("/", ".")]
 
 
-def test_an_installed_package_counts_by_its_version(files):
+INSTALLED = {
+    "one.py": "import several.inner\ndef f(p):\n    return several.inner.g(p)\n",
+    "lazy.py": "def f(p):\n    from several.inner import g\n    return g(p)\n",
+    "site-packages/several/__init__.py": "",
+    "site-packages/several/inner.py": "K = 1\ndef g(p):\n    return K\n",
+}
+
+
+def installed(files, version, **edits):
+    """Install a package with its RECORD, as pip does."""
+    texts = INSTALLED | edits
     about = "site-packages/several-1.0.dist-info"
-    metadata = "Metadata-Version: 2.1\nName: several\nVersion: {}\n"
-    files({"one.py": "def f(p):\n    from several.inner import g\n", "site-packages/several/inner.py": "g = 1\n"})
-    files({f"{about}/METADATA": metadata.format("1.0"), f"{about}/top_level.txt": "several\n"})
+    inner = texts["site-packages/several/inner.py"]
+    record = (
+        f"several/inner.py,sha256={hashlib.sha256(inner.encode()).hexdigest()},{len(inner)}\nseveral/x.txt,,\n"
+    )
+    texts |= {f"{about}/METADATA": f"Metadata-Version: 2.1\nName: several\nVersion: {version}\n"}
+    files(texts | {f"{about}/top_level.txt": "several\n", f"{about}/RECORD": record})
+    for each in (modules.record, modules.is_installed, provenance.distributions):
+        each.cache_clear()  # as in a new process
+
+
+@pytest.mark.parametrize("module", ["one", "lazy"])
+def test_an_installed_package_counts_by_its_files(files, module):
+    installed(files, "1.0")
     sys.path.insert(0, str(files.folder / "site-packages"))
-    f = files.load("one").f
-    assert set(digests([f])) == {"one"}
-    assert libraries([f]) == ["several"]
-    assert digests([f], ["several"])["several"] == "version 1.0"
-    files({f"{about}/METADATA": metadata.format("1.1"), "site-packages/several/inner.py": "g = 2\n"})
-    assert digests([f], ["several"])["several"] == "version 1.1"
+    f = files.load(module).f
+    before = digests([f])
+    assert set(before) == {module, "several"}
+    assert covered([f]).libraries == ("several",)
+    # Another version of the same code is the same code; other code of the same version is not.
+    installed(files, "1.1")
+    assert digests([files.load(module).f]) == before
+    installed(files, "1.1", **{"site-packages/several/inner.py": "K = 2\ndef g(p):\n    return K\n"})
+    assert changed(before, digests([files.load(module).f])) == ["several"]
+
+
+def test_an_upgrade_under_a_live_session_does_not_pass_for_what_is_loaded(files):
+    installed(files, "1.0")
+    sys.path.insert(0, str(files.folder / "site-packages"))
+    f, text = files.load("one").f, "K = 1\ndef g(p):\n    return K + 1\n"
+    before = digests([f])
+    installed(files, "1.1", **{"site-packages/several/inner.py": text})
+    assert digests([f]) != digests([files.load("one").f])
+    assert digests([files.load("one").f]) != before
+
+
+def test_this_project_counts_by_content_wherever_it_lies(monkeypatch):
+    function = registry.load("table4").sweep({}).function
+    before = covered([function])
+    assert {"fivcore.rig", "studies.gallery.table4"} < set(before.code)
+    modules.is_installed.cache_clear()
+    monkeypatch.setattr(modules, "INSTALLED", {HOME.name})
+    try:
+        assert covered([function]) == before
+    finally:
+        modules.is_installed.cache_clear()
 
 
 @pytest.mark.parametrize("name", ["mylib", "ident.none", Path("none.json")])
@@ -286,11 +360,23 @@ def test_what_cannot_be_found_is_refused(files, name):
         digests([files().load("ident.core").helper], [name])
 
 
-def test_libraries_are_those_that_covered_code_imports(files):
+def test_libraries_are_those_that_covered_code_names(files):
     main = files().load()
-    assert {"numpy", "scipy"} <= {*libraries([main.compute])}
-    assert libraries([main.f]) == []
-    assert libraries([main.f], ["beside"]) == ["scipy"]
+    assert {"numpy", "scipy"} <= {*covered([main.compute]).libraries}
+    assert covered([main.f]).libraries == ()
+    assert covered([main.f], ["beside"]).libraries == ("scipy",)
+
+
+def test_every_dependency_of_this_project_is_a_library():
+    """Else a new version of it would outdate results, or its absence."""
+    project = tomllib.loads((HOME / "pyproject.toml").read_text())["project"]
+    names = {re.split(r"[<>=\[]", each)[0].lower() for each in project["dependencies"]} | {"pyuff"}
+    roots = {
+        root for root, every in provenance.distributions().items() if names & {each.lower() for each in every}
+    }
+    assert {"numpy", "distributed", "PIL"} & roots
+    others = {"pylab", "mpl_toolkits", "itables_for_dash"}
+    assert {each for each in roots if each[0] != "_"} - others <= LIBRARIES
 
 
 # Values that functions carry along.
@@ -329,6 +415,38 @@ VALUES = [None, True, 1, 1.0, -0.0, 0.0, 1j, "1", Colour.RED, Colour.BLUE, np.fl
 VALUES += [[1, 2], {"a": 1}, {"a": 2}, Inner(), Inner(2.0), math.sin, np.sin, Inner, nothing, Caller(1), Caller(2)]
 VALUES += [maker(1), maker(2), Caller(1).__call__, functools.partial(nothing, 1), functools.partial(nothing, a=1)]
 VALUES += [lambda p: p + 1, lambda p: p + 2, lambda p, k=1: k, lambda p, k=2: k, functools.lru_cache(nothing)]
+VALUES += [
+    {1: 1},
+    {"1": 1},
+    (1, 2),
+    {1, 2},
+    np.arange(3.0),
+    np.arange(3, dtype=np.int32),
+    np.ma.array([1, 2], mask=[0, 1]),
+]
+VALUES += [
+    np.ma.array([1, 2]),
+    np.array([1, "a"], dtype=object),
+    "a" * 2000,
+    "a" * 2000 + "b",
+    b"1",
+    re.compile("a"),
+]
+VALUES += [pd.Series([1.0, 2.0], index=index) for index in ([0, 1], [0, 2], [0.0, 1.0], ["0", "1"], [0, 0])]
+VALUES += [
+    pd.DataFrame({"a": [1.0], "b": [2.0]}),
+    pd.DataFrame({"b": [2.0], "a": [1.0]}),
+    pd.Index([1]),
+    pd.Index([2]),
+]
+VALUES += [CubicSpline([0, 1, 2], [0, 1, y]) for y in (2, 3)] + [np.vectorize(nothing), np.vectorize(maker)]
+VALUES += [
+    collections.Counter("ab"),
+    collections.OrderedDict(a=1, b=1),
+    collections.deque([1]),
+    Path("a"),
+    np.random,
+]
 
 
 def test_a_closure_counts_with_its_values():
@@ -341,17 +459,21 @@ def test_a_closure_counts_with_its_values():
 def test_what_cannot_be_compared_is_refused(value):
     functions = maker(value), functools.partial(maker, held=value), lambda points, held=value: held, Caller(value)
     for each in functions:
-        with pytest.raises(InputError, match=r" has held = .*, which cannot be compared with a stored value"):
+        with pytest.raises(
+            InputError, match=r": it carries .*, which cannot be compared with a stored value; pass it"
+        ):
             digests([each])
 
 
 def test_carried_functions_are_followed_and_compiled_ones_have_their_options(files):
+    def carriers(helper):
+        return [maker(helper), functools.partial(nothing, helper), functools.lru_cache(helper), njit(helper)]
+
     helper = files().load("ident.core").helper
-    given = [maker(helper), functools.partial(nothing, helper), functools.lru_cache(helper), njit(helper)]
-    before = [digests([each]) for each in given]
+    before = [digests([each]) for each in carriers(helper)]
     assert before[3] == digests([njit(helper)]) != digests([njit(fastmath={"nsz", "contract"})(helper)])
     files.edit("ident/core.py", "x + 1", "x + 2")
-    for old, each in zip(before, given, strict=True):
+    for old, each in zip(before, carriers(files.load("ident.core").helper), strict=True):
         assert changed(old, digests([each])) in (["ident"], ["ident.core"])
 
 
@@ -393,7 +515,7 @@ SCRIPT = """
 import dataclasses, json
 from further import K
 from sweeps import *
-from sweeps.fingerprint.code import check_loaded, digests
+from sweeps.fingerprint.code import digests
 TABLE = {"a": 1}
 TABLE["b"] = 2
 @dataclasses.dataclass
@@ -401,7 +523,6 @@ class Kind:
     size: float = 1.0
 def f(points):
     return Kind(), TABLE, K
-check_loaded([f])
 found = digests([f, lambda points: Kind])
 print(json.dumps(found))
 """
@@ -410,7 +531,7 @@ print(json.dumps(found))
 def test_a_script_is_the_module_of_its_file(files, capsys):
     file = files({"further.py": "K = 1\n", "one_script.py": SCRIPT}).folder / "one_script.py"
     started = json.loads(run(file, HOME))
-    assert set(started) == {"one_script", "further"}
+    assert set(started) == {"one_script"}
     module = load_script(file)
     assert json.loads(capsys.readouterr().out) == started
     assert load_script(file) is module
@@ -439,35 +560,117 @@ def test_a_file_that_cannot_be_loaded_is_one_line(files, name, text, message):
     assert sys.path == path
 
 
-# Code that is loaded and is not what its file contains now.
+# A live session: numbers bear the fingerprint of the code that computed them.
+
+LIVE = {
+    "a literal": "K = 2.0\ndef f(a): return a * K",
+    "annotated": "K: float = 2.0\ndef f(a): return a * K",
+    "computed": "K = 2.0 * 1\ndef f(a): return a * K",
+    "a dict": "T = {'k': 2.0}\ndef f(a): return a * T['k']",
+    "a list": "L = [2.0]\ndef f(a): return a * L[0]",
+    "a default": "def f(a, k=2.0): return a * k",
+    "a class attribute": "class C:\n    k = 2.0\ndef f(a): return a * C.k",
+    "a field": "from dataclasses import *\n@dataclass\nclass C:\n    k: float = 2.0\ndef f(a): return a * C().k",
+    "an array": "import numpy as np\nK = np.array([2.0])\ndef f(a): return a * float(K[0])",
+    "unpacking": "J, K = 1.0, 2.0\ndef f(a): return a * K",
+    "code": "def f(a): return a * 2.0",
+    "a table": "import pandas as pd\nT = pd.Series([1.0], index=[2.0])\ndef f(a): return a * T.index[0]",
+    "a keyword default": "def f(a, *, k=2.0): return a * k",
+    "an enclosed value": "def make(k):\n    def f(a): return a * k\n    return f\nf = make(2.0)",
+    "a partial": "import functools\ndef g(a, k): return a * k\nf = functools.partial(g, k=2.0)",
+    "an instance": "class C:\n    def __call__(self, a): return a * self.k\nf = C()\nf.k = 2.0",
+    "an attribute": "def f(a): return a * f.k\nf.k = 2.0",
+    "an enumeration": "import enum\nclass E(enum.Enum):\n    K = 2.0\ndef f(a): return a * E.K.value",
+    "a named tuple": "from typing import *\nclass P(NamedTuple):\n    k: float = 2.0\ndef f(a): return a * P().k",
+    "a property": "class C:\n    @property\n    def k(self): return 2.0\ndef f(a): return a * C().k",
+    "a static method": "class C:\n    @staticmethod\n    def k(): return 2.0\ndef f(a): return a * C.k()",
+    "a nested function": "def f(a):\n    def g(): return 2.0\n    return a * g()",
+    "a method of another": "class C:\n    def k(self): return 2.0\nc = C()\ndef f(a): return a * c.k()",
+    "a cached function": "import functools\n@functools.cache\ndef k(): return 2.0\ndef f(a): return a * k()",
+    "a kernel": "from numba import njit\nK = 2.0\n@njit\ndef f(a): return a * K",
+}
+
+
+def live_sweep(f, file):
+    return Sweep("live", pointwise(lambda a: f(a)), {"a": [1.0, 2.0]}, ["y"]).plan(file)
+
+
+@pytest.mark.parametrize("text", LIVE.values(), ids=LIVE)
+def test_an_edit_under_a_live_session_is_noticed(files, text, path):
+    f = files({"live.py": text}).load("live").f
+    files({"live.py": text.replace("2.0", "3.0")})
+    assert live_sweep(f, path).run("sync")["y"].values.tolist() == [2.0, 4.0]
+    assert live_sweep(f, path).todo == 0
+    with pytest.raises(StoreError, match=r"the code of .* has changed"):
+        live_sweep(files.load("live").f, path)
+    # The other way round, of another session with the old file.
+    files({"live.py": text})
+    assert live_sweep(files.load("live").f, path).todo == 0
+
+
+@pytest.mark.parametrize("text", LIVE.values(), ids=LIVE)
+def test_an_edit_in_a_notebook_is_noticed(text, path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "__main__", types.ModuleType("__main__"))  # as IPython does
+    cells = vars(sys.modules["__main__"])
+    exec(text, cells)
+    live_sweep(cells["f"], path).run("sync")
+    plan = live_sweep(cells["f"], path)
+    assert plan.todo == 0
+    exec(text.replace("2.0", "3.0"), cells)
+    with pytest.raises(StoreError, match=r"the code of .* has changed"):
+        live_sweep(cells["f"], path)
+
+
+def test_a_change_between_plan_and_run_is_noticed(files, path):
+    module = files({"live.py": LIVE["a dict"]}).load("live")
+    plan = live_sweep(module.f, path)
+    module.T["k"] = 3.0
+    with pytest.raises(
+        StoreError, match=r"live has changed since this was planned \(the code of .* has changed\); plan again"
+    ):
+        plan.run("sync")
+    assert not path.exists()
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new"),
+    "text",
     [
-        ("ident/core.py", "return x + 1", "return x + 2"),
-        ("ident/main.py", "np.sin(total)", "np.cos(total)"),
-        ("ident/main.py", "def compute(", "def another("),
-        ("ident/models.py", "self.weight > 2", "self.weight > 1"),
-        ("beside/inner.py", "return K", "return -K"),
-        ("further.py", "K = 1", "K = 2"),
+        "CACHE = {}\ndef f(a): return CACHE.setdefault(a, 2.0 * a)",
+        "import numpy as np\nROOM = np.zeros(3)\ndef f(a):\n    ROOM[:] += a\n    return 2.0 * a",
+        "import functools\n@functools.cache\ndef g(a): return 2.0 * a\ndef f(a): return g(a)",
+        "COUNT = 0\ndef f(a):\n    global COUNT\n    COUNT += 1\n    return 2.0 * a",
+        "class C:\n    n = 0\n    def __call__(self, a):\n        self.n += 1\n        return 2 * a\nf = C()",
     ],
 )
-def test_loaded_code_that_is_not_in_its_file_is_refused(files, name, old, new):
-    compute = files().load().compute
-    check_loaded([compute])
-    files.edit(name, old, new)
-    message = rf"^{Path(name).name} has changed since Python loaded it \(.*\); restart Python, or reload"
-    with pytest.raises(InputError, match=message):
-        check_loaded([compute])
+def test_what_the_code_itself_changes_while_it_runs_counts_as_it_was(files, path, text):
+    module = files({"live.py": text}).load("live")
+    live_sweep(module.f, path).run("sync")
+    assert live_sweep(module.f, path).todo == 0
+    longer = Sweep("live", live_sweep(module.f, path).sweep.function, {"a": [1.0, 2.0, 3.0]}, ["y"])
+    assert longer.plan(path).run("sync")["y"].values.tolist() == [2.0, 4.0, 6.0]
+    assert longer.plan(path).todo == 0
+    assert live_sweep(files.load("live").f, path).todo == 0
+
+
+SETS = """
+from sweeps.fingerprint.code import digests
+def f(p):
+    def g(x): return x in {"up", "down", "left"}
+    return g(p)
+f.sides = {"up", "down", "left"}
+print(digests([f, lambda p: p in {"one", "two", "three"}]))
+"""
+
+
+def test_the_order_of_sets_changes_nothing():
+    assert len({run(SETS, HOME, PYTHONHASHSEED=seed) for seed in "123"}) == 1
 
 
 def test_the_projects_own_studies():
     for name in registry.NAMES:
         sweep = registry.load(name).sweep({})
-        functions = [each for each in (sweep.function, sweep.key, sweep.scale) if each is not None]
-        check_loaded(functions, ["fivcore"])
-        found = digests(functions, ["fivcore"])
-        assert "fivcore" in found
-        assert not [each for each in found if re.match(r"studies\.(plotting|registry|report)", each)]
-        assert not {"matplotlib", "sweeps"} & {*libraries(functions, ["fivcore"])}
+        found = covered([each for each in (sweep.function, sweep.key, sweep.scale) if each is not None])
+        own = {each for each in found.code if each.startswith(("fivcore.", "studies."))}
+        assert own == set(found.code), name
+        assert not [each for each in own if re.match(r"studies\.(plotting|registry|report|query|cli)", each)]
+        assert not {"matplotlib", "sweeps", "pandas"} & {*found.libraries}

@@ -50,7 +50,7 @@ CHANGES = [
     ({"grid": Grid(XY | {"x": Axis(["1.0"], "m")})}, "axes x.text = false there, true here"),
     ({"grid": ZIPPED}, 'groups = [["x"], ["y"]] there, [["x", "y"]] here'),
     ({"coords": {"power": Axis([1, 2, 4])}}, "coords power = "),
-    ({"function": wide}, "the code of tests.sweeps.fingerprint.test_identity"),
+    ({"function": wide}, "the code of tests.helpers.waves, tests.sweeps.fingerprint.test_identity has changed"),
     ({"key": product}, "the code of tests.helpers.waves"),
     ({"grid": Sample(SAMPLE, 4)}, "sample = nothing there"),
 ]
@@ -91,7 +91,9 @@ def test_constants_are_compared_by_value(path, one, other):
 
 
 def test_differences_are_short_and_nan_equals_nan():
-    assert differences({"code": {"a": "1"}}, {"code": {"a": "2", "b": "1"}}) == "the code of a, b has changed"
+    one, other = ({"compiler": "py", "code": code} for code in ({"a": "1"}, {"a": "2", "b": "1"}))
+    assert differences(one, other) == "the code of a, b has changed"
+    assert differences(one, other, code=False) == ""
     many = {"constants": {str(k): "long" * 50 for k in range(9)}}
     assert len(differences(many, {"constants": {}})) < 400
     assert json_equal({"a": float("nan")}, {"a": float("nan")})

@@ -38,7 +38,7 @@ def test_a_plan_is_frozen_and_its_repr_is_the_report(path):
     plan = waves.sweep(title="<Waves>").plan(path)
     for part in ("waves", "x 3 x y 2", "points          6", "distinct        6", "to do           6", str(path)):
         assert part in repr(plan)
-    assert "\ndepends on      tests.helpers.waves" in repr(plan)
+    assert "\ndepends on      tests.helpers.state, tests.helpers.waves" in repr(plan)
     assert plan.covers[0].startswith("sweeps.")
     assert plan._repr_html_().startswith("<pre>sweep")
     with pytest.raises(AttributeError, match="cannot assign"):

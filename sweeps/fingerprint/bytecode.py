@@ -1,0 +1,80 @@
+"""What compiled code and values consist of: code without its docstring and positions, values by their pickles."""
+
+import dis
+from collections.abc import Iterable
+from copyreg import dispatch_table
+from functools import cache, cached_property
+from hashlib import blake2b
+from types import CodeType, FunctionType, MappingProxyType
+from typing import Any, NamedTuple
+
+LOADS = {"LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS", "STORE_GLOBAL"}
+
+
+class Bytecode(NamedTuple):
+    """A digest of code, the globals that it loads, all names in it, and of imports module, level and names."""
+
+    text: str
+    loads: frozenset[str]
+    names: frozenset[str]
+    imports: tuple[tuple[str, int, tuple[str, ...]], ...]
+
+
+def digest(content: bytes) -> str:
+    """Return a short hash."""
+    return blake2b(content, digest_size=8).hexdigest()
+
+
+@cache
+def bytecode(code: CodeType) -> Bytecode:
+    """Read compiled code, with the functions within it."""
+    counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags & 0x2C
+    parts, constants, inner = [f"{counts} {code.co_varnames} {code.co_exceptiontable.hex()}"], [], list[Bytecode]()
+    loads, imports = set[str](), list[Any]()
+    for each in dis.get_instructions(code):
+        text, is_constant = each.argrepr, each.opcode in dis.hasconst or each.opname == "LOAD_SMALL_INT"
+        if is_constant:  # by value: one without a use, like the docstring, is in no instruction
+            constants.append(each.argval)
+            text = _constant(each.argval)
+            inner += [bytecode(each.argval)] if isinstance(each.argval, CodeType) else []
+        elif each.opname in LOADS:
+            loads.add(each.argval)
+        elif each.opname == "IMPORT_NAME":
+            imports.append((each.argval, constants[-2], constants[-1] or ()))
+        parts.append(f"{each.opcode} {text}")
+    names = frozenset(code.co_names).union(*(each.names for each in inner))
+    every = (*imports, *(one for each in inner for one in each.imports))
+    return Bytecode(
+        digest("\n".join(parts).encode()), frozenset(loads).union(*(e.loads for e in inner)), names, every
+    )
+
+
+def _constant(value: Any) -> str:
+    if isinstance(value, CodeType):
+        return bytecode(value).text
+    if isinstance(value, frozenset):
+        return f"set {sorted(map(_constant, value))}"
+    return f"tuple {[*map(_constant, value)]}" if isinstance(value, tuple) else repr(value)
+
+
+def parts_of(value: Any) -> Iterable[Any]:
+    """What a value consists of: where nothing better is known, the parts of its pickle; else it raises."""
+    kind = type(value)
+    inner = getattr(value, "py_func", None) or getattr(value, "__wrapped__", None)
+    if isinstance(inner, FunctionType) and kind.__module__.partition(".")[0] in ("numba", "functools", "builtins"):
+        return inner, str(sorted(getattr(value, "targetoptions", {}).items(), key=str))
+    if kind in (list, tuple, set, frozenset):
+        return tuple(value)
+    if kind in (dict, MappingProxyType):
+        return [each for item in value.items() for each in item]
+    if kind is property:
+        return value.fget, value.fset, value.fdel
+    if hasattr(value, "gen") and hasattr(value, "func"):  # a context manager that decorates
+        return value.func, value.args, value.kwds
+    reduce: Any = dispatch_table.get(kind, lambda each: each.__reduce_ex__(4))
+    if isinstance(reduced := reduce(value), str):
+        return kind, reduced
+    make, arguments, state, *items = (*reduced, None)[:5]
+    if isinstance(state, dict):
+        state = {k: v for k, v in state.items() if not isinstance(getattr(kind, k, None), cached_property)}
+    return make, arguments, state, *(each and list(each) for each in items)

@@ -1,0 +1,136 @@
+"""Modules: what they are called, where they lie, and how a script's file becomes one."""
+
+import importlib
+import importlib.util
+import inspect
+import os
+import sys
+from contextlib import suppress
+from functools import cache, partial
+from importlib.metadata import distribution
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import cloudpickle  # type: ignore[import-untyped]
+
+from sweeps.errors import InputError
+from sweeps.fingerprint.bytecode import digest
+from sweeps.fingerprint.provenance import distributions
+
+ENGINE = __name__.partition(".")[0]
+# Where installed packages lie; those that do not count, since their versions are part of the environment.
+INSTALLED = {"site-packages", "dist-packages"}
+LIBRARIES = {
+    "numpy",
+    "scipy",
+    "numba",
+    "llvmlite",
+    "pandas",
+    "xarray",
+    "netCDF4",
+    "dask",
+    "distributed",
+    "matplotlib",
+}
+LIBRARIES |= {"cloudpickle", "threadpoolctl", "filelock", "cryptography", "click", "rich", "jinja2", "markupsafe"}
+LIBRARIES |= {"itables", "PIL", "pint", "pyuff", "mpmath"}
+
+
+def home_of(function: Any) -> str:
+    """Return the name of the module that a callable of any kind comes from."""
+    while isinstance(function, partial):
+        function = function.func
+    named = getattr(function, "__module__", None) or getattr(function, "__globals__", {}).get("__name__")
+    return own_name(named if isinstance(named, str) else type(function).__module__)
+
+
+def own_name(name: str) -> str:
+    """Return the name of a module, whether or not Python started it as a script."""
+    main: Any = sys.modules["__main__"]
+    if name == "__main__" and main.__spec__ is not None:  # python -m
+        return str(main.__spec__.name)
+    return stem(main.__file__) if name == "__main__" and getattr(main, "__file__", None) else name
+
+
+def stem(file: Any) -> str:
+    """Return the name of the module of a script."""
+    return "".join(c if c.isalnum() else "_" for c in Path(file).stem)
+
+
+def loaded(name: str) -> ModuleType | None:
+    """Return a module, which is imported if need be; None where that fails."""
+    if name not in sys.modules and name == own_name("__main__"):
+        return sys.modules["__main__"]
+    with suppress(Exception, SystemExit):
+        return importlib.import_module(name)
+    return None
+
+
+def source_of(name: str) -> bytes:
+    """Return the source of a module."""
+    with suppress(OSError, TypeError):  # that of a notebook is not kept
+        return Path(inspect.getsourcefile(loaded(name)) or "").read_bytes()  # type: ignore[arg-type]
+    return b""
+
+
+@cache
+def is_installed(root: str) -> bool:
+    """Return whether a package lies where packages are installed."""
+    with suppress(ImportError, ValueError):
+        spec = getattr(sys.modules.get(root), "__spec__", None) or importlib.util.find_spec(root)
+        places = [spec.origin or "", *(spec.submodule_search_locations or ())] if spec else []
+        return any(INSTALLED & {*Path(place).parts} for place in places)
+    return False
+
+
+def kind_of(root: str) -> str:
+    """Return whose code a package is: of a "library", "installed" or "local", as all of this distribution is."""
+    if root in sys.stdlib_module_names or root.startswith("namedtuple_"):  # whose code is generated
+        return "library"
+    if not is_installed(root) or {*distributions().get(root, ())} & {*distributions().get(ENGINE, ())}:
+        return "local"
+    return "library" if root in LIBRARIES else "installed"
+
+
+@cache  # as first seen: an upgrade does not change what is loaded
+def record(root: str) -> str:
+    """Return a digest of the hashes of an installed package's files; without a RECORD of those files."""
+    files = [each for name in distributions().get(root, ()) for each in distribution(name).files or ()]
+    lines = [f"{each} {each.hash.value}" for each in files if each.hash and each.suffix in (".py", ".so", ".pyd")]
+    if not lines and (spec := importlib.util.find_spec(root)):
+        places = [p for folder in spec.submodule_search_locations or () for p in Path(folder).rglob("*.py")]
+        lines = [f"{path.name} {digest(path.read_bytes())}" for path in places or [Path(spec.origin or "")]]
+    return "RECORD " + digest("\n".join(sorted(lines)).encode())
+
+
+def load_script(file: str | Path) -> ModuleType:
+    """The module of a script's file, not started as a script.
+
+    It is named as its file, and imports modules beside it, as a script does. A sweep of its functions continues
+    the results of the script, and the other way round. Other processes get its functions by value. An InputError
+    if there is no such file, its name is another module's, or it raises.
+    """
+    path = Path(file).expanduser()
+    name, folder = stem(path), str(path.resolve().parent)
+    if not path.is_file():
+        raise InputError(f"{file}: there is no such file")
+    present = sys.modules.get(name)
+    if present is not None:
+        if os.path.realpath(str(getattr(present, "__file__", None))) == os.path.realpath(path):
+            return present
+        raise InputError(f"{file}: Python has a module called {name} already; rename the file")
+    spec = importlib.util.spec_from_file_location(name, path.resolve())
+    if spec is None or spec.loader is None:
+        raise InputError(f"{file}: it is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    sys.path.insert(0, folder)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as problem:
+        del sys.modules[name]
+        sys.path.remove(folder)
+        raise InputError(f"{file}: it cannot be loaded: {type(problem).__name__}: {problem}") from problem
+    cloudpickle.register_pickle_by_value(module)
+    return module

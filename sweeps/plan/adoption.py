@@ -1,0 +1,105 @@
+"""Adoption: results of other code become those of the present code if computations that are repeated agree."""
+
+import math
+import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sweeps.errors import InputError, StoreError
+from sweeps.grid import DONE
+from sweeps.storage.assemble import Table
+
+# A variable X has its standard error X_se beside it; two values agree within so many combined ones.
+ERROR, MOST_ERRORS = "_se", 4.0
+# A share of the points, for which a message says how probably a change there would have been found.
+SHARE = 0.1
+
+
+@dataclass(frozen=True)
+class Adopt:
+    """How stored results are adopted: computations to repeat, the seed that chooses; whether bits must agree."""
+
+    count: int
+    seed: int | None = None
+    exact: bool = False
+
+
+@dataclass(frozen=True)
+class Adoption:
+    """The computations of a plan that are repeated, of so many that are stored."""
+
+    points: NDArray[np.intp]
+    stored: int
+    seed: int
+    exact: bool
+
+    def __str__(self) -> str:
+        return f"{len(self.points)} of {self.stored} stored computations are repeated first (seed {self.seed})"
+
+
+def choose(adopt: Any, table: Table) -> Adoption:
+    """Choose one stored computation at random from each of `count` equal stretches of the grid."""
+    adopt = adopt if isinstance(adopt, Adopt) else Adopt(adopt)
+    count, seed = adopt.count, adopt.seed
+    if not isinstance(count, (int, np.integer)) or isinstance(count, bool) or count < 1:
+        raise InputError(f"adopt = {count!r}: it must be the number of points to compute again, 1 or above")
+    stored = np.flatnonzero((table.status == DONE) & ~table.is_copy)
+    if not len(stored):
+        raise StoreError("adopt: no point is stored that could be computed again")
+    seed = secrets.randbelow(1 << 32) if seed is None else seed
+    ends = np.arange(min(count, len(stored)) + 1) * len(stored) // min(count, len(stored))
+    return Adoption(
+        stored[np.random.default_rng(seed).integers(ends[:-1], ends[1:])], len(stored), seed, adopt.exact
+    )
+
+
+def confirm(adoption: Adoption, before: Table, after: Table) -> str:
+    """Say how the repeated computations agree with the stored ones; a StoreError says which does not."""
+    skipped = set[str]()
+    for point in adoption.points.tolist():
+        skipped |= _compared(adoption, before, after, point)
+    found = 1.0 - math.prod([1.0 - SHARE] * len(adoption.points))
+    how = f"agree within {MOST_ERRORS:g} standard errors" if skipped else "agree in all bits"
+    line = f"{len(adoption.points)} of {adoption.stored} computations, repeated with other code, {how}"
+    line += f" (seed {adoption.seed}; a change at {100 * SHARE:g} % of the points would have been found"
+    line += f" with a probability of {100.0 * found:.3g} %)"
+    return line + (f"; without a standard error, so not compared: {', '.join(sorted(skipped))}" if skipped else "")
+
+
+def _compared(adoption: Adoption, before: Table, after: Table, point: int) -> set[str]:
+    """The variables of a chaotic computation that cannot be compared; a StoreError for one that differs."""
+    place = ", ".join(f"{k} = {v[0]}" for k, v in before.manifest.grid.points(np.array([point])).items())
+    refused = f"the results are not adopted, and nothing has changed: at {place}"
+    if after.status[point] != DONE:
+        raise StoreError(f"{refused} the computation fails now: {after.reasons()[point].error}")
+    names, row = before.manifest.variables, slice(point, point + 1)
+    both = {name: [table.values(name, row)[0] for table in (before, after)] for name in names}
+    differ = [name for name, (a, b) in both.items() if not _equal(a, b)]
+    if not differ:
+        return set()
+    # A run whose statistics differ, though within their errors, is chaotic: nothing of it has the same bits.
+    errors = {name: both[name + ERROR] for name in differ if name + ERROR in names and not adoption.exact}
+    for name in differ:
+        a, b = both[name]
+        if name in errors:
+            unit = np.hypot(*errors[name])
+            agree = bool(np.all((np.abs(a - b) <= MOST_ERRORS * unit) | (np.isnan(a) & np.isnan(b))))
+        else:
+            agree = bool(errors)
+        if not agree:
+            far = f", {np.nanmax(np.abs(a - b) / unit):.3g} standard errors apart" if name in errors else ""
+            raise StoreError(f"{refused} {name} = {_short(a)} there, {_short(b)} with the present code{far}")
+    return {name for name in differ if name not in errors and name.removesuffix(ERROR) not in errors}
+
+
+def _equal(a: NDArray[Any], b: NDArray[Any]) -> bool:
+    return np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+
+
+def _short(values: NDArray[Any]) -> str:
+    texts: Sequence[str] = [repr(each) for each in np.ravel(values)[:3].tolist()]
+    return ", ".join(texts) + ", ..." * (np.size(values) > 3)
