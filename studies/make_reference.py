@@ -1,13 +1,14 @@
-"""Compute the repository's own outcomes: `python -m studies.make_reference [STUDY ...]`.
+"""Compute the repository's own outcomes: `python -m studies.make_reference [--adopt N] [STUDY ...]`.
 
 All studies if none is named, from nothing and with their defaults (two hours of one core); it updates what `fiv
-list` prints of each.
+list` prints of each. With --adopt, after a change of code that changes no result, N points of each are computed
+again on a processor of the same kind; the reference is kept if all their bits agree.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from studies import registry, runner
 from studies.results import REFERENCE
 from studies.study import Study
-from sweeps import open_results
+from sweeps import Adopt, open_results
 
 
 def entry(study: Study, folder: Path) -> dict[str, Any]:
@@ -29,19 +30,26 @@ def entry(study: Study, folder: Path) -> dict[str, Any]:
     return {"title": study.title, "question": study.question, "points": plan.points, "seconds": round(seconds, 3)}
 
 
-def main(names: list[str]) -> None:
-    """Compute the reference."""
-    folder = Path("results") / REFERENCE
-    catalogue = registry.catalogue()
-    for name in names or registry.NAMES:
-        study = registry.load(name)
-        store = folder / name / f"{name}.nc"
-        runner.execute(study, study.sweep({}).plan(store, fresh=True))
-        catalogue[name] = entry(study, folder)
-        print(store)
+def main() -> None:
+    """Compute the reference, or adopt it."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("studies", metavar="STUDY", nargs="*", choices=[[], *registry.NAMES], help="default: all")
+    parser.add_argument("--adopt", metavar="N", type=int, help="keep the reference if N points have the same bits")
+    arguments = parser.parse_args()
+    folder, catalogue = Path("results") / REFERENCE, registry.catalogue()
+    for name in arguments.studies or registry.NAMES:
+        study, store = registry.load(name), folder / name / f"{name}.nc"
+        if arguments.adopt is None:
+            runner.execute(study, study.sweep({}).plan(store, fresh=True))
+            catalogue[name] = entry(study, folder)
+            print(store)
+        else:
+            plan = study.sweep({}).plan(store, adopt=Adopt(arguments.adopt, exact=True))
+            plan.run()
+            print(f"{store}: {plan.adopted or 'its code has not changed'}")
     ordered = {name: catalogue[name] for name in registry.NAMES if name in catalogue}
     registry.CATALOGUE.write_text(json.dumps(ordered, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

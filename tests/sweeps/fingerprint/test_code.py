@@ -1,5 +1,6 @@
 """What changes the digest of a function that is loaded, what does not, and what is refused."""
 
+import ast
 import collections
 import dataclasses
 import enum
@@ -10,6 +11,7 @@ import json
 import math
 import os
 import re
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -674,3 +676,39 @@ def test_the_projects_own_studies():
         assert own == set(found.code), name
         assert not [each for each in own if re.match(r"studies\.(plotting|registry|report|query|cli)", each)]
         assert not {"matplotlib", "sweeps", "pandas"} & {*found.libraries}
+
+
+def numbers(file):
+    """Places of the numbers in a file's code."""
+    found = [node for node in ast.walk(ast.parse(file.read_bytes())) if isinstance(node, ast.Constant)]
+    return [(file, node) for node in found if type(node.value) in (int, float)]
+
+
+STUDY = """
+import json
+from studies import registry
+from sweeps.fingerprint.code import digests
+sweep = registry.load("scenes").sweep({})
+print(json.dumps(digests([sweep.function, sweep.key, sweep.scale])))
+"""
+
+
+@pytest.mark.slow
+def test_random_changes_of_numbers_in_the_core_are_noticed(tmp_path):
+    """36 numbers in files of fivcore that the study `scenes` reaches, each in a process of its own."""
+    for name in ("fivcore", "sweeps", "studies"):
+        shutil.copytree(HOME / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    before = json.loads(run(STUDY, tmp_path, PYTHONDONTWRITEBYTECODE="1"))
+    files = [tmp_path / f"{name.replace('.', '/')}.py" for name in before if name.startswith("fivcore.")]
+    places = [place for file in files for place in numbers(file)]
+    for file, node in np.random.default_rng(0).permutation(np.array(places, dtype=object))[:36]:
+        lines = file.read_bytes().splitlines(keepends=True)
+        line = lines[node.lineno - 1]
+        edited = line[: node.col_offset] + f"({node.value!r} + 1)".encode() + line[node.end_col_offset :]
+        file.write_bytes(b"".join([*lines[: node.lineno - 1], edited, *lines[node.lineno :]]))
+        try:
+            after = json.loads(run(STUDY, tmp_path, PYTHONDONTWRITEBYTECODE="1"))
+        except subprocess.CalledProcessError:  # the number may be a shape
+            after = {}
+        assert changed(before, after), f"{file.name}, line {node.lineno}: {line.decode()}"
+        file.write_bytes(b"".join(lines))

@@ -13,9 +13,10 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from studies import registry
 from sweeps import Axis, Grid, InputError, MixedWarning, Sample, StoreError, Sweep, Variable, json_equal
 from sweeps.fingerprint import provenance
-from sweeps.fingerprint.identity import differences
+from sweeps.fingerprint.identity import coverage, differences, fingerprint
 from sweeps.fingerprint.provenance import environment, mixed
 from tests import HOME
 from tests.helpers import waves
@@ -88,6 +89,36 @@ def test_constants_are_compared_by_value(path, one, other):
     assert sweep(function=wide, constants={"rig": one}).plan(path).todo == 0
     with pytest.raises(StoreError, match=r"rig\S* = .* there, .* here"):
         sweep(function=wide, constants={"rig": other}).plan(path)
+
+
+TABLES = [
+    (pd.DataFrame({"a": [1.0]}, index=[0.0]), pd.DataFrame({"a": [1.0]}, index=[10.0])),
+    (pd.Series([9.0, 5.0], index=[0, 0]), pd.Series([1.0, 5.0], index=[0, 0])),
+    ({1: 2.0}, {"1": 2.0}),
+    (np.float32([1.0]), np.float64([1.0])),
+    (np.zeros(5000), np.ones(5000)),
+]
+
+
+@pytest.mark.parametrize(("one", "other"), TABLES)
+def test_tables_are_compared_with_their_index_and_keys_with_their_type(path, one, other):
+    sweep(function=wide, constants={"rig": one}).plan(path).run("sync")
+    assert sweep(function=wide, constants={"rig": one}).plan(path).todo == 0
+    with pytest.raises(StoreError, match=r"the content of rig|rig\S* = .* there"):
+        sweep(function=wide, constants={"rig": other}).plan(path)
+
+
+def test_a_long_array_takes_little_room(path):
+    rig = np.random.default_rng(0).random(300_000)
+    sweep(function=wide, constants={"rig": rig}).plan(path).run("sync")
+    assert path.stat().st_size < 100_000
+
+
+def test_a_changed_output_of_a_study_names_the_study():
+    study = registry.load("fig5")
+    more = dataclasses.replace(study, outputs=study.outputs | {"more": Variable(dims=("mode",))})
+    one, other = (fingerprint(each, coverage(each)) for each in (study.sweep({}), more.sweep({})))
+    assert differences(one, other).endswith("the code of studies.gallery.fig5 has changed")
 
 
 def test_differences_are_short_and_nan_equals_nan():
