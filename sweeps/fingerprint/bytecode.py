@@ -1,13 +1,18 @@
 """What compiled code and values consist of: code without its docstring and positions, values by their pickles."""
 
 import dis
-from collections.abc import Iterable
+import sys
+from collections.abc import Iterable, Iterator
 from copyreg import dispatch_table
 from functools import cache, cached_property
 from hashlib import blake2b
 from types import CodeType, FunctionType, MappingProxyType
 from typing import Any, NamedTuple
 
+# The compiler and its optimisation: code that another one has compiled cannot be compared.
+COMPILER = f"{sys.implementation.cache_tag} -O{sys.flags.optimize}"
+# Members of classes that count even if they are named like those of Python.
+MEMBERS = (FunctionType, property, staticmethod, classmethod, int, float)
 LOADS = {"LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS", "STORE_GLOBAL"}
 
 
@@ -78,3 +83,16 @@ def parts_of(value: Any) -> Iterable[Any]:
     if isinstance(state, dict):
         state = {k: v for k, v in state.items() if not isinstance(getattr(kind, k, None), cached_property)}
     return make, arguments, state, *(each and list(each) for each in items)
+
+
+def members_of(value: type) -> Iterator[tuple[str, Any]]:
+    """What a class defines, with its annotations; of a class that Numba compiles its methods and types."""
+    compiled: Any = getattr(value, "class_type", None)
+    if hasattr(compiled, "jit_methods"):
+        yield "methods", dict(compiled.jit_methods)
+        yield "types", str(compiled.struct)
+        return
+    yield "annotations", str(vars(value).get("__annotations__"))
+    for key, each in vars(value).items():
+        if not key[:2] == key[-2:] == "__" or (isinstance(each, MEMBERS) and key != "__firstlineno__"):
+            yield key, each

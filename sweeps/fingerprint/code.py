@@ -13,7 +13,6 @@ Python; a digest of the sources stands in for it there.
 
 import importlib.util
 import pkgutil
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from functools import partial
@@ -22,13 +21,23 @@ from types import CellType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 
 from sweeps.errors import InputError
-from sweeps.fingerprint.bytecode import bytecode, digest, parts_of
-from sweeps.fingerprint.modules import ENGINE, home_of, is_installed, kind_of, loaded, record, source_of
+from sweeps.fingerprint.bytecode import bytecode, digest, members_of, parts_of
+from sweeps.fingerprint.modules import (
+    ENGINE,
+    contents_of,
+    extension_of,
+    home_of,
+    is_installed,
+    kind_of,
+    loaded,
+    record,
+    source_of,
+)
 
-# The compiler and its optimisation: code that another one has compiled cannot be compared.
-COMPILER = f"{sys.implementation.cache_tag} -O{sys.flags.optimize}"
 # Longer texts count by their digest.
 LONG = 1000
+# Names that every module has.
+OWN = {*vars(ModuleType("")), "__builtins__", "__cached__", "__file__", "__path__"}
 
 # Digests after a run, as text, and those before: what code changes while it runs, like a cache, counts as it was.
 _settled: dict[str, dict[str, str]] = {}
@@ -82,15 +91,17 @@ class _Reach:
         self.libraries: set[str] = set()
         # Objects that have a text, or are about to get it, by identity; definitions to be followed.
         self._texts: dict[int, tuple[Any, str]] = {}
-        self._waiting: list[tuple[str, Any]] = []
+        self._waiting: list[tuple[str, Any, str]] = []
 
     def kind(self, home: str) -> str:
         """Whose code a module is; an installed package that is met counts."""
         root = home.partition(".")[0]
-        kind = "library" if root == ENGINE else kind_of(root)
+        kind = "library" if root == ENGINE else kind_of(home)
         self.libraries |= {root} if root != ENGINE and kind != "local" and is_installed(root) else set()
         if kind == "installed":
             self.lines.setdefault(root, [record(root)])
+        elif kind == "local" and (extension := extension_of(home)):
+            self.lines.setdefault(home, [extension])
         return kind
 
     def give(self, function: Any) -> None:
@@ -99,17 +110,17 @@ class _Reach:
         while isinstance(inner, partial) or hasattr(inner, "function"):
             parts = (*inner.args, inner.func) if isinstance(inner, partial) else (inner.function,)
             inner = next(each for each in parts if callable(each) or hasattr(each, "function"))
-        text = self.text(function, getattr(function, "__qualname__", type(function).__qualname__))
-        if home_of(function).partition(".")[0] == ENGINE and isinstance(function, FunctionType):
+        is_function = isinstance(function, FunctionType)
+        name = getattr(function, "__qualname__", type(function).__qualname__)
+        text = self._definition(function, name) if is_function else self.text(function, name)
+        if is_function and home_of(function).partition(".")[0] == ENGINE:
             text += bytecode(function.__code__).text
         self.lines.setdefault(home_of(inner), []).append(text)
 
     def declare(self, name: str | Path) -> None:
         """Add a file or folder by its bytes, a package or module with all that it defines."""
         if isinstance(name, Path) and name.exists():
-            files = [name] if name.is_file() else sorted(each for each in name.rglob("*") if each.is_file())
-            contents = (f"{each.relative_to(name).as_posix()} {digest(each.read_bytes())}" for each in files)
-            self.lines.setdefault(name.name, []).append("\n".join(contents))
+            self.lines.setdefault(name.name, []).append(contents_of(name))
             return
         if isinstance(name, Path) or (module := loaded(name)) is None:
             raise InputError(f"code = {str(name)!r}: there is no such package, module or file")
@@ -117,7 +128,7 @@ class _Reach:
         for each in [name, *(each.name for each in inner if not each.name.endswith("__main__"))]:
             if self.kind(each) == "local":
                 items = vars(loaded(each) or object).items()
-                self.lines.setdefault(each, []).extend(f"{k} = {self.text(v)}" for k, v in items if k[:2] != "__")
+                self.lines.setdefault(each, []).extend(f"{k} = {self.text(v)}" for k, v in items if k not in OWN)
 
     def follow(self) -> None:
         """Add the definitions that are named so far, and those that these name."""
@@ -135,8 +146,9 @@ class _Reach:
             return repr(value) if len(value) < LONG else digest(repr(value).encode())
         if isinstance(value, (FunctionType, type)):
             return self._definition(value)
+        if isinstance(value, ModuleType) or callable(value):
+            self.kind(value.__name__ if isinstance(value, ModuleType) else home_of(value))
         if isinstance(value, ModuleType):
-            self.kind(value.__name__)
             return f"module {value.__name__}"
         if id(value) not in self._texts:
             self._texts[id(value)] = value, "itself"
@@ -152,7 +164,7 @@ class _Reach:
             self._texts[id(value)] = value, f"{type(value).__qualname__} {digest(str(texts).encode())}"
         return self._texts[id(value)][1]
 
-    def _definition(self, value: Any) -> str:
+    def _definition(self, value: Any, holder: str = "") -> str:
         """The name of a function or class, which is followed if it is local."""
         if id(value) not in self._texts:
             home = home_of(value)
@@ -163,13 +175,13 @@ class _Reach:
                 codes = [bytecode(each.__code__).text for each in members if isinstance(each, FunctionType)]
                 self.lines[home.partition(".")[0]].append(f"{name} {codes}")
             elif kind == "local" and "<" in name:  # others may have this name
-                self._texts[id(value)] = value, f"{name} {digest(self._define(name, value).encode())}"
+                self._texts[id(value)] = value, f"{name} {digest(self._define(name, value, holder).encode())}"
             elif kind == "local":
-                self._waiting.append((name, value))
+                self._waiting.append((name, value, holder))
         return self._texts[id(value)][1]
 
-    def _define(self, name: str, value: Any) -> str:
-        parts = self._class(value) if isinstance(value, type) else self._function(value, name)
+    def _define(self, name: str, value: Any, holder: str) -> str:
+        parts = self._class(value) if isinstance(value, type) else self._function(value, holder)
         line = f"{name} {list(parts)}"
         self.lines.setdefault(home_of(value), []).append(line)
         return line
@@ -178,20 +190,18 @@ class _Reach:
         yield str(
             [self.text(each) for each in (*value.__bases__, type(value), getattr(value, "__members__", None))]
         )
-        yield str(vars(value).get("__annotations__"))
-        for key, each in vars(value).items():
-            if key[:2] != "__" or isinstance(each, (FunctionType, property, staticmethod, classmethod)):
-                yield f"{key}: {self.text(each)}"
+        for key, each in members_of(value):
+            yield f"{key}: {self.text(each)}"
 
-    def _function(self, value: FunctionType, name: str) -> Iterator[str]:
+    def _function(self, value: FunctionType, holder: str) -> Iterator[str]:
         code, known = bytecode(value.__code__), value.__globals__
         yield code.text
         carried = {"defaults": value.__defaults__, **(value.__kwdefaults__ or {}), **vars(value)}
         cells = zip(value.__code__.co_freevars, value.__closure__ or (), strict=True)
         carried |= {key: cell.cell_contents for key, cell in cells if cell != CellType()}  # one may be unbound
         for key, each in carried.items():
-            yield f"{key}: {self.text(each, name)}"
-        for key in sorted(each for each in code.loads & known.keys() if each[:2] != "__"):
+            yield f"{key}: {self.text(each, holder)}"
+        for key in sorted((code.loads & known.keys()) - OWN):
             yield from self._global(key, known[key], code.names)
         package = known.get("__package__") or str(known.get("__name__")).rpartition(".")[0]
         for target, level, names in code.imports:

@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 
 from sweeps.errors import InputError, StoreError
-from sweeps.fingerprint.bytecode import digest
-from sweeps.fingerprint.code import COMPILER, Covered, covered, digests, settle
+from sweeps.fingerprint.bytecode import COMPILER, digest
+from sweeps.fingerprint.code import Covered, covered, digests, settle
 from sweeps.grid import Declaration, Grid
 
 # Longer axes are summarised in the configuration, and longer arrays.

@@ -74,6 +74,12 @@ def source_of(name: str) -> bytes:
     return b""
 
 
+def contents_of(path: Path) -> str:
+    """Return the names and digests of a file, or of all files in a folder."""
+    files = [path] if path.is_file() else sorted(each for each in path.rglob("*") if each.is_file())
+    return "\n".join(f"{each.relative_to(path).as_posix()} {digest(each.read_bytes())}" for each in files)
+
+
 @cache
 def is_installed(root: str) -> bool:
     """Return whether a package lies where packages are installed."""
@@ -84,13 +90,30 @@ def is_installed(root: str) -> bool:
     return False
 
 
-def kind_of(root: str) -> str:
-    """Return whose code a package is: of a "library", "installed" or "local", as all of this distribution is."""
-    if root in sys.stdlib_module_names or root.startswith("namedtuple_"):  # whose code is generated
+@cache
+def kind_of(home: str) -> str:
+    """Return whose code a module is: of a "library", "installed" or "local", as all of this distribution is."""
+    root = home.partition(".")[0]
+    if root in sys.stdlib_module_names and not is_shadowed(root):
+        return "library"
+    if home.startswith("namedtuple_") and home not in sys.modules:  # generated
         return "library"
     if not is_installed(root) or {*distributions().get(root, ())} & {*distributions().get(ENGINE, ())}:
         return "local"
     return "library" if root in LIBRARIES else "installed"
+
+
+def is_shadowed(root: str) -> bool:
+    """Return whether a module that is named like one of Python's is another one."""
+    file = getattr(sys.modules.get(root), "__file__", None)
+    return file is not None and not Path(file).is_relative_to(Path(os.__file__).parent) and root != "__main__"
+
+
+@cache
+def extension_of(home: str) -> str:
+    """Return a digest of a compiled extension module's file; "" of any other."""
+    file = getattr(sys.modules.get(home), "__file__", None) or ""
+    return f"extension {digest(Path(file).read_bytes())}" if file.endswith((".so", ".pyd")) else ""
 
 
 @cache  # as first seen: an upgrade does not change what is loaded

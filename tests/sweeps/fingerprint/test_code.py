@@ -234,6 +234,9 @@ def test_what_is_not_run_makes_no_difference(files, name, old, new):
 @pytest.mark.parametrize(
     "text",
     [
+        "from numba.experimental import jitclass\nimport numba\nK = 1\n@jitclass([('a', numba.int64)])\nclass C:\n"
+        "    def __init__(self, a):\n        self.a = a\n    def m(self):\n        return self.a + K\n"
+        "def f(p):\n    return C(1).m()\n",
         "class C:\n    __slots__ = ()\n    def __call__(self, p):\n        return K\nf = C()\nK = 1\n",
         "try:\n    from ...none import g\nexcept ImportError:\n    K = 1\ndef f(p):\n    return K\n",
         "T = []\nT.append(lambda: K)\nK = 1\ndef f(p):\n    return T[0]()\n",
@@ -266,6 +269,27 @@ def test_equal_names_do_not_hide_what_is_swapped(files):
         }
     )
     assert digests([files.load("one").f]) != before
+
+
+@pytest.mark.parametrize("name", ["namedtuple_own", "statistics"])
+def test_modules_that_are_named_like_others_count(files, name, monkeypatch):
+    """A module beside a script hides one of Python's."""
+    monkeypatch.delitem(sys.modules, name, raising=False)
+    modules.kind_of.cache_clear()
+    f = files({f"{name}.py": "K = 1\ndef f(p):\n    return K\n"}).load(name).f
+    assert set(digests([f])) == {name}
+    modules.kind_of.cache_clear()
+
+
+def test_a_compiled_extension_counts_by_its_file(files):
+    """Its functions cannot be read."""
+    files({"one.py": "import quick\ndef f(p):\n    return quick.g(p)\n", "quick.py": "g = len\n"})
+    module = files.load("one")
+    module.quick.__file__ = str(files({"quick.so": "1"}).folder / "quick.so")
+    before = digests([module.f])
+    files({"quick.so": "2"})
+    modules.extension_of.cache_clear()  # as in a new process
+    assert changed(before, digests([module.f])) == ["quick"]
 
 
 # What is declared, and installed packages.
@@ -499,6 +523,7 @@ def f(points):
 @pytest.mark.parametrize(
     ("old", "new", "counts"),
     [
+        ("'A text.'", "'Another.'", False),
         *(("(3), 1", "(3), 2", False), ("x * 3", "x * 4", True), ("= 2.0,", "= 3.0,", True)),
         *(("arange(3)", "arange(4)", True), ("= 1.0", "= 2.0", True), ("size + 1", "size + 2", True)),
     ],
@@ -589,6 +614,11 @@ LIVE = {
     "a nested function": "def f(a):\n    def g(): return 2.0\n    return a * g()",
     "a method of another": "class C:\n    def k(self): return 2.0\nc = C()\ndef f(a): return a * c.k()",
     "a cached function": "import functools\n@functools.cache\ndef k(): return 2.0\ndef f(a): return a * k()",
+    "a private name": "__k = 2.0\ndef f(a): return a * __k",
+    "a dunder attribute": "class C:\n    __k__ = 2.0\ndef f(a): return a * C.__k__",
+    "dispatched": "from functools import *\n@singledispatch\ndef g(a): return a * 2.0\ndef f(a): return g(a)",
+    "a ufunc": "from numba import vectorize\n@vectorize\ndef g(a): return a * 2.0\ndef f(a): return float(g(a))",
+    "an object of SciPy": "from scipy.stats import norm\nN = norm(2.0)\ndef f(a): return a * float(N.mean())",
     "a kernel": "from numba import njit\nK = 2.0\n@njit\ndef f(a): return a * K",
 }
 
