@@ -1,8 +1,8 @@
 """Compiled kernels on the disk. Whatever is wrong there costs a compilation, never the computation itself.
 
 Numba lists all variants of a kernel in one file and checks none: a file that is cut is an error, a wrong byte is
-run, and two processes that save at once may give two variants one file. It compiles a kernel again where the kernel's
-own file has changed, but not where another file has from which something is inlined into it.
+run, and two processes that save at once may give two variants one file. It compiles a kernel again where its
+own file has changed, but not where another file has from which something is inlined into the kernel.
 
 So the folder bears a digest of all sources of this package. Each variant has a folder of its own within it, with a
 checksum; it is written elsewhere and renamed.
