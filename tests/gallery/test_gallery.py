@@ -231,6 +231,12 @@ def test_a_figure_has_the_same_bytes_each_time(form):
     assert first.lstrip()[:5] == {"png": b"\x89PNG\r", "svg": b"<?xml", "pdf": b"%PDF-"}[form]
 
 
+# Differences of nearly equal values, which are compared themselves; and the place of a minimum, which is known to the
+# square root of the rounding of what is least there.
+IN_ROUNDING = {("classics", "difference"), ("stress", "value"), ("stress", "bound"), ("stress", "margin")}
+IN_ROUNDING |= {("stability", "pair_lowest_theta")}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", registry.NAMES)
 def test_a_study_computed_anew_is_the_reference(name):
@@ -243,7 +249,7 @@ def test_a_study_computed_anew_is_the_reference(name):
     assert new.sizes == kept.sizes
     np.testing.assert_array_equal(new["status"], kept["status"])
     for variable in set(map(str, kept.data_vars)) - {"status", "error", "wall_time"}:
-        if name == "stress" and variable in ("value", "bound", "margin"):
+        if (name, variable) in IN_ROUNDING:
             continue
         if kept[variable].dtype.kind != "f":
             assert study.chaotic or np.array_equal(new[variable], kept[variable]), variable
