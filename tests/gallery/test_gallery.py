@@ -231,10 +231,10 @@ def test_a_figure_has_the_same_bytes_each_time(form):
     assert first.lstrip()[:5] == {"png": b"\x89PNG\r", "svg": b"<?xml", "pdf": b"%PDF-"}[form]
 
 
-# Differences of nearly equal values, which are compared themselves; and the place of a minimum, which is known to the
-# square root of the rounding of what is least there.
+# Differences of nearly equal values, which are compared themselves; and places of an extremum, which are known to
+# the square root of its rounding.
 IN_ROUNDING = {("classics", "difference"), ("stress", "value"), ("stress", "bound"), ("stress", "margin")}
-IN_ROUNDING |= {("stability", "pair_lowest_theta")}
+IN_ROUNDING |= {("stability", "pair_lowest_theta"), ("stability", "window_peak_theta")}
 
 
 @pytest.mark.slow
