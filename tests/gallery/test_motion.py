@@ -12,6 +12,7 @@ from studies import paper, registry, summary
 from studies.gallery import contact
 from studies.motion import regimes, run, series
 
+EPS = np.finfo(float).eps
 # One geometric ratio for V and F, no power of two, and with it the same V / F again and again.
 RATIO = 10.0 ** (1.0 / 3.0)
 SHORT = {"duration": 0.15, "settle": 0.02}
@@ -59,11 +60,12 @@ def test_a_harmonic_is_a_peak_within_one_percent_or_none(histories):
 
 def test_long_sticks_are_marked_where_they_are_counted(histories):
     """At 1 mm/s the vibration is intermittent; at 2 and 5 mm/s a long stick at most follows the first burst."""
-    assert regimes.kind(histories.sel(V=1e-3)) == "intermittent"
     marked = histories["long_stick"].sum("elapsed") / float(histories["sample_rate"])
     total = (histories["long_sticks"] * histories["mean_stick_time"]).fillna(0.0)
+    # The vibration is intermittent from one in ten on of the time.
+    assert float(marked.sel(V=1e-3)) > 0.2 * 1.5
     for speed in paper.SPEEDS[1:]:
-        assert histories["long_sticks"].sel(V=speed) <= 2
+        assert float(total.sel(V=speed)) < 0.1 * 1.5
         assert float(marked.sel(V=speed)) == pytest.approx(float(total.sel(V=speed)), abs=1e-4)
     assert float(marked.sel(V=1e-3)) >= float(total.sel(V=1e-3)) - 1e-3
     point = histories.sel(V=1e-3)
@@ -120,7 +122,7 @@ def test_the_overview_holds_the_start(contacts):
 def test_ten_degrees_vibrate_and_fifteen_slide_steadily(computed):
     data = computed("fig11", duration=0.8)
     assert regimes.kind(data.sel(theta=15.0)) == "steady sliding"
-    assert regimes.kind(data.sel(theta=10.0)) in ("periodic", "irregular")
+    assert regimes.kind(data.sel(theta=10.0)) in regimes.VIBRATING
     late = data["velocity_B"].sel(elapsed=slice(0.6, None))
     assert np.ptp(late.sel(theta=15.0).values) < 1e-6
     assert np.ptp(late.sel(theta=10.0).values) > 1e-3
@@ -183,9 +185,11 @@ def test_recorded_series_are_the_motion(computed, V):
         scene = Scene(V, theta, 0.2, F)
         motion = simulate(scene, SHORT["duration"], settle=SHORT["settle"], record=True, sample_rate=None)
         for name in ("velocity_B", "normal_force", "tangential_force", "slip_velocity"):
-            # Rounded to four digits once before it is multiplied and once after.
-            expected = np.interp(times, motion.time, getattr(motion, name))
-            np.testing.assert_allclose(point[name], expected, rtol=1.1e-4, atol=1e-30)
+            # Rounded to four digits once before it is multiplied and once after. Between values of opposite sign
+            # the line's own rounding is some last digits of these, and may decide what it has near zero.
+            values_then = getattr(motion, name)
+            expected, rounding = np.interp(times, motion.time, values_then), 8.0 * EPS * np.abs(values_then).max()
+            np.testing.assert_allclose(point[name], expected, rtol=1.1e-4, atol=rounding)
         earlier = np.maximum(np.searchsorted(motion.time, times, side="right") - 1, 0)
         np.testing.assert_array_equal(point["state"], motion.state[earlier])
     plain = computed("scenes", **values)

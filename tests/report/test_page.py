@@ -260,7 +260,7 @@ def test_refusals(folder, tmp_path):
 @pytest.fixture
 def driver(tmp_path):
     """A Chromium of the system, which saves into `tmp_path`."""
-    pytest.importorskip("selenium", reason="selenium is not installed; it is in fiv[test]")
+    pytest.importorskip("selenium", reason="selenium is not installed; it is in fiv[test-all]")
     if None in browser.programs():
         pytest.skip("Chromium or its driver is missing; try: apt-get install chromium chromium-driver")
     with browser.chromium(tmp_path) as driver:

@@ -53,18 +53,19 @@ def test_fast_separates_first_when_the_published_scheme_does(V):
 def test_while_stuck_a_glued_mode_rings():
     summary = simulate(Scene(1e-3, 5.0, 0.2, 9.0), 2.0).summary
     assert np.min(np.abs(glued_frequencies(Rig(), 5.0) / summary["stuck_frequency"] - 1.0)) < 5e-3
-    assert summary["regime"] == "intermittent"
-    assert all(0.025 < t < 0.09 for t in summary["stick_times"])
+    # Single sticks last 28 to 84 ms; from one in ten on of the time they make an intermittent vibration.
+    assert 0.025 < np.mean(summary["stick_times"]) < 0.09
+    assert np.sum(summary["stick_times"]) > 0.2 * summary["simulated_time"]
 
 
 # Rigs drawn at random. Motion is chaotic: statistics are compared, with the scatter of runs that differ by ramp.
 def statistics(number, duration, members=4, **options):
-    """Means over some runs of the shares of time and the RMS, their standard errors, and regimes."""
+    """Means over some runs of the shares of time and the RMS, and their standard errors."""
     ramps = [1e-3 * (1.0 + 0.37 * k) for k in range(members)]
     runs = simulate_many([drawn_scene(2010, number)] * members, duration, ramp=ramps, settle=0.8, **options)
     figures = np.array([[run.summary[name] for name in (*SHARES, "velocity_rms")] for run in runs])
     error = figures.std(axis=0, ddof=1) / np.sqrt(members)
-    return figures.mean(axis=0), error, {run.summary["regime"] for run in runs}
+    return figures.mean(axis=0), error
 
 
 def misses(one, other, most):
@@ -88,7 +89,6 @@ def test_the_default_has_converged_on_random_rigs(numbers, duration):
     found = np.array([misses(*pair, 0.02) for pair in pairs])
     assert np.all(np.count_nonzero(found > 0.0, axis=0) <= wrong), found
     assert np.count_nonzero(found[:, 0] > 0.02) <= wrong // 3
-    assert np.count_nonzero([not one[2] & other[2] for one, other in pairs]) <= wrong
 
 
 @pytest.mark.slow

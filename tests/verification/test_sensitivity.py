@@ -143,9 +143,11 @@ def test_under_a_heavy_head_onsets_follow_a_closed_form(theta):
     found, t = onset_sensitivity(Rig(head_mass=1e12), theta), np.tan(np.radians(theta))
     e = (found.mu - t) / (t + 1.0 / t)
     slope = np.radians(1.0 + t**2) * (1.0 + e - e / t**2)
-    np.testing.assert_allclose(found.mu_normalised["theta"], theta * slope / found.mu, rtol=0.0, atol=1e-10)
+    # Small ones are right to 5e-10 of the largest sensitivity of the same onset (`fivcore.stability.sensitivity`).
+    bound = 5e-10 * np.max(np.abs(list(found.mu_normalised.values())), axis=0)
+    assert np.all(np.abs(found.mu_normalised["theta"] - theta * slope / found.mu) < bound)
     for each in (found.frequency_normalised["theta"], found.mu_normalised["head_mass"]):
-        np.testing.assert_allclose(each, 0.0, atol=1e-10)
+        assert np.all(np.abs(each) < bound)
 
 
 # Limits of parameters.
