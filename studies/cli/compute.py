@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -37,7 +38,7 @@ def plan(study: str, timed: bool, **points: Any) -> None:
 
 
 @command("run", "Compute a study, store it, draw it, print its numbers.", STUDY, *POINTS, *HOW)
-def run(study: str, fail_fast: bool, yes: bool, **points: Any) -> None:
+def run(study: str, fail_fast: bool, yes: bool, share: str | None, **points: Any) -> None:
     """Compute a study, store it as netCDF, draw its figure, and print its numbers beside the paper's.
 
     \b
@@ -53,7 +54,7 @@ def run(study: str, fail_fast: bool, yes: bool, **points: Any) -> None:
     """  # noqa: D301 - the backspace tells click to keep the lines
     announce_compiling()
     one, planned, request, lines = _planned(study, points, True)
-    execute(one, planned, (request.scheduler, request.workers), fail_fast, yes, lines)
+    execute(one, _shared(planned, share), (request.scheduler, request.workers), fail_fast, yes, lines)
 
 
 def _values(standard_error: float | None, options: dict[str, Sequence[str]]) -> dict[str, Any]:
@@ -110,6 +111,25 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
     return one, planned, wanted, lines
 
 
+def _shared(planned: Plan, share: str | None) -> Plan:
+    """One share of a plan, as `--share K/N` requests it."""
+    from sweeps import InputError
+
+    if share is None:
+        return planned
+    numbers = re.fullmatch(r"(\d+)/(\d+)", share)
+    if not numbers or not 1 <= int(numbers[1]) <= int(numbers[2]):
+        raise InputError(f"--share {share!r}: it must be K/N with K from 1 to N, for example 3/16")
+    return planned.share(int(numbers[1]), int(numbers[2]))
+
+
+def planned_again(file: Path, out: str | None) -> tuple[Study, Plan]:
+    """The study of a result, finished or not, and its plan in a results folder."""
+    options = dict.fromkeys(("standard_error", "config", "rig", "record"), None)
+    flags = dict.fromkeys(("fresh", "retry_failed", "strict"), False)
+    return _planned(str(file), {**options, **flags, "assignments": (), "scatter": (), "out": out}, True)[:2]
+
+
 class MapCommand(click.Command):
     """The command `map`, whose help ends with names that are slow to import."""
 
@@ -125,7 +145,7 @@ class MapCommand(click.Command):
 
 
 @command("map", "Quantities over two parameters, or along one, stored and drawn.", *MAP, *HOW, kind=MapCommand)
-def draw_map(quantity: str, fail_fast: bool, yes: bool, **options: Any) -> None:
+def draw_map(quantity: str, fail_fast: bool, yes: bool, share: str | None, **options: Any) -> None:
     """Map quantities over any two parameters, or along one; store all that is computed, and draw them.
 
     \b
@@ -144,7 +164,7 @@ def draw_map(quantity: str, fail_fast: bool, yes: bool, **options: Any) -> None:
     how = options.pop("scheduler"), options.pop("workers")
     with warned(lines.append):
         one, planned = maps.plan(quantities=quantity, fix=fix, **options)
-    execute(one, planned, how, fail_fast, yes, lines)
+    execute(one, _shared(planned, share), how, fail_fast, yes, lines)
 
 
 @command("check", "Whether the installation computes, stores and draws as it should.")
