@@ -63,6 +63,11 @@ def converted(spec: str, units: str, name: str = "it") -> str:
         return spec
     values = len(bears) - (separator == ":")  # the last of a range is its count
     if bears[-1] and not any(bears[:-1]):
+        # Who types an exponent thinks in SI.
+        bare = next((number for number in numbers[: len(numbers) - 1] if "e" in number.lower()), "")
+        if bare and convert(1.0, bears[-1], units, name) != 1.0:
+            own = "" if units == "1" else f" {units}"
+            raise InputError(f"{bare} beside {parts[-1][0].strip()}: write {bare}{bears[-1]}, or {bare}{own}")
         bears = [bears[-1]] * values
     if not all(bears[:values]) or any(bears[values:]):
         count = " (the count has none)" * (separator == ":")

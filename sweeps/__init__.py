@@ -7,7 +7,7 @@ A sweep is declared, planned, executed and stored. The engine knows no physics.
 from sweeps.compute.run import check_backend
 from sweeps.errors import AbandonedError, ClusterLostError, InputError, LockedError, MissingFileError, MixedWarning
 from sweeps.errors import SchedulerError, StoreError, SweepStoppedError
-from sweeps.fingerprint.code import load_script, plain
+from sweeps.fingerprint.code import digests, load_script, plain
 from sweeps.fingerprint.identity import json_equal
 from sweeps.fingerprint.provenance import source
 from sweeps.grid import DONE, FAILED, INTERPOLATED, INTERPOLATED_FLAG, PENDING, SKIPPED, STATUS_FLAGS
