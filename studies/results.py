@@ -114,8 +114,7 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
             raise
         names = ", ".join(path.stem for path in stored(out)) or "nothing"
         raise MissingFileError(
-            f"no result {text!r} in {results_folder(out)}, which has {names}; compute it with: "
-            f"{command('run', text, out)}"
+            f"no result {text!r} in {results_folder(out)}, which has {names}; compute it with studies.run"
         ) from None
     owner = dataset.attrs.get("sweep")
     if not is_path(text) and owner != file.stem and file.parent.name != MAPS:

@@ -310,6 +310,8 @@ class Study:
         left = {name: parameter for name, parameter in self.parameters.items() if name not in RIG}
         if theta := left.get("theta"):
             left["theta"] = replace(theta, default=np.zeros(1) if theta.is_axis else 0.0)
+        if cutoff := left.get("cutoff"):
+            left["cutoff"] = replace(cutoff, default=None)  # another default is for the paper's beams
         return left
 
     def _column(self, name: str, values: Any) -> NDArray[Any]:

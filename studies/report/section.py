@@ -115,8 +115,18 @@ class Result:
             "computed": self.progress or date(self.stamp),
             "by": str(self.dataset.attrs.get("source", "unknown")),
             "file": str(self.file),
-            "again": results.command("run", self.study.name if self.is_reference else str(self.file)),
-        }
+        } | ({"again": self.again} if self.again else {})
+
+    @property
+    def again(self) -> str:
+        """The command that computes it: from its file if that can be, else as it was typed; "" if none was."""
+        configured, own = results.configuration(self.dataset), self.study.name not in registry.names()
+        # A file tells neither where the user's study is nor how a map is refined.
+        if own and (typed := configured.get("request", {}).get("command")):
+            return str(typed)
+        if (own and self.kind != "map") or "refinement" in configured:
+            return ""
+        return results.command("run", self.study.name if self.is_reference else str(self.file))
 
 
 def date(stamp: str) -> str:

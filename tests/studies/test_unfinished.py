@@ -26,7 +26,9 @@ def results():
         pending = xr.DataArray(missing(data["status"].shape), dims=data["status"].dims)
         for each in outputs:
             data[each] = data[each].where(~pending).assign_attrs(data[each].attrs)
-        return study, data.assign(status=data["status"].where(~pending, PENDING).assign_attrs(data["status"].attrs))
+        return study, data.assign(
+            status=data["status"].where(~pending, PENDING).assign_attrs(data["status"].attrs)
+        )
 
     return unfinished
 
@@ -46,12 +48,16 @@ HOLES = {
 SLOW = ("one", "scattered")  # `half` draws every figure, too
 
 
-@pytest.mark.parametrize("holes", [pytest.param(each, marks=pytest.mark.slow) if each in SLOW else each for each in HOLES])
+@pytest.mark.parametrize(
+    "holes", [pytest.param(each, marks=pytest.mark.slow) if each in SLOW else each for each in HOLES]
+)
 @pytest.mark.parametrize("name", registry.NAMES)
 def test_what_is_there_is_told_and_drawn(name, holes, results):
     study, data = results(name, HOLES[holes])
     pending = int((data["status"] == PENDING).sum())
     text = summary.text(summary.parts(study, data), 100)
-    assert f"{pending} of {data['status'].size} points are not computed yet" in " ".join(text.split()) or not pending
+    assert (
+        f"{pending} of {data['status'].size} points are not computed yet" in " ".join(text.split()) or not pending
+    )
     assert runner.draw(study, data)[""].axes
     assert int((data["status"] == DONE).sum()) + pending == data["status"].size
