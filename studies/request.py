@@ -101,7 +101,9 @@ class Request:
 
     def stored(self) -> dict[str, Any]:
         """The parts of the request that a result's file stores besides its parameters."""
-        drawn = {name: getattr(v, "text", v) for name, v in self.values.items() if is_distribution(v)}
+        from studies.uncertainty import text_of
+
+        drawn = {name: text_of(v, name) for name, v in self.values.items() if is_distribution(v)}
         rest = {"record": list(self.record), "scatter": drawn, "seed": self.seed, "sampling": self.sampling}
         rest["command"] = self.command
         return {name: value for name, value in rest.items() if value}
@@ -123,9 +125,9 @@ def _read(study: Study, name: str, value: Any) -> Any:
     """A value of a parameter; a string is a word, a SPEC or a distribution."""
     parameter = study.parameter(name)
     if hasattr(value, "ppf") and not hasattr(value, "text"):
-        from studies.uncertainty import of_scipy
+        from studies.uncertainty import text_of
 
-        return of_scipy(value, name, parameter.units)
+        value = text_of(value, name)
     if not isinstance(value, str):
         return value
     if parameter.choices:

@@ -95,8 +95,10 @@ def _scipys(word: str) -> tuple[str, ...]:
     return (*filter(None, (found.shapes or "").replace(" ", "").split(",")), "loc", "scale")
 
 
-def of_scipy(given: Any, name: str, units: str = "1") -> Distribution:
-    """The distribution of a parameter that is a frozen one of `scipy.stats`, by the text that one types for it."""
+def text_of(given: Any, name: str) -> str:
+    """The text that one types for a distribution of a parameter, which may be a frozen one of `scipy.stats`."""
+    if isinstance(text := getattr(given, "text", given), str):
+        return text
     kind = str(getattr(getattr(given, "dist", None), "name", ""))
     try:
         names = _scipys(kind)
@@ -109,7 +111,7 @@ def of_scipy(given: Any, name: str, units: str = "1") -> Distribution:
         raise InputError(f"{name} = {given!r}: it must be a frozen distribution of scipy.stats, {ways}") from None
     own = {"norm": ("normal", parts), "uniform": ("uniform", [parts[0], typed(sum(map(float, parts)))])}
     kind, parts = own.get(kind, (kind, parts))
-    return parse(":".join([kind, *parts]), name, units)
+    return ":".join([kind, *parts])
 
 
 def parse(text: str, name: str, units: str = "1") -> Distribution:

@@ -49,7 +49,7 @@ def run(study: str, fail_fast: bool, yes: bool, **points: Any) -> None:
     fiv run fig5 --set theta=8 --set p1_length=60mm --out elsewhere
     fiv run scenes --set V=1,2mm/s --record velocity_B --sample-rate 50e3
     fiv run robust --scatter p1_thickness=uniform:1.4:1.6mm --samples 256
-    fiv run fig5 --points rigs.csv
+    fiv run fig5 --points rigs.csv --out rigs
     fiv run other/fig5/fig5.nc                    the same as that result
 
     Points that the results folder holds are not computed again. Ctrl-C finishes the points under way and stores
