@@ -7,6 +7,7 @@ A sweep is declared, planned, executed and stored. The engine knows no physics.
 from sweeps.compute.run import check_backend
 from sweeps.errors import AbandonedError, ClusterLostError, InputError, LockedError, MissingFileError, MixedWarning
 from sweeps.errors import SchedulerError, StoreError, SweepStoppedError
+from sweeps.fingerprint.code import digests
 from sweeps.fingerprint.identity import json_equal, plain
 from sweeps.fingerprint.modules import load_script
 from sweeps.fingerprint.provenance import source

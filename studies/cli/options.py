@@ -63,7 +63,7 @@ POINTS = (
     option("--sampling", metavar="METHOD", help="sobol (the default), latin or random."),
     option("--points", metavar="FILE.csv", help="Rows to compute; heads are parameters, like p1_thickness [mm]."),
     option("--record", metavar="NAME,...", help="Record time series, for example velocity_B,normal_force."),
-    option("--sample-rate", type=float, metavar="HZ", help="Sampling rate of recorded series."),
+    option("--sample-rate", metavar="HZ", help="Sampling rate of recorded series: 20e3 or 20kHz."),
     ERROR,
     *STORED,
 )

@@ -42,7 +42,7 @@ WRONG = [
         "plan scenes --record velocity",
         "record = 'velocity': no such series; did you mean velocity_B or slip_velocity?",
     ),
-    ("plan fig5 --samples 4", "--samples 4: it is for draws; give a distribution with --scatter"),
+    ("plan fig5 --samples 4", "--samples 4: it is for draws; give a distribution, mu=normal"),
     ("plan fig5 --scatter mu=0.2", "--scatter 'mu=0.2': it must be NAME=DIST, for example"),
     ("plan fig5 --points semi.csv", "its columns are separated by ';'; separate them by commas"),
     ("plan fig5 --points cell.csv", "row 2, column theta: 'x' must be a finite number"),

@@ -82,7 +82,7 @@ def test_refined_values_keep_those_of_fewer_levels():
         assert len(fine) == 2 * len(coarse) - 1
     np.testing.assert_allclose(spec.refined("log:1:100:2", "V", 1), [1.0, 10.0, 100.0])
     for text, levels in (("0:1:3", 30), ("1,1.0000000000000002", 1)):
-        with pytest.raises(InputError, match=f"it cannot be halved {levels} times; choose a smaller --refine"):
+        with pytest.raises(InputError, match=f"it cannot be halved {levels} times; choose a smaller refine"):
             spec.refined(text, "V", levels)
 
 
