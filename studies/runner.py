@@ -70,6 +70,7 @@ def plan(
     out: str | Path | None = None,
     *,
     fresh: bool = False,
+    adopt: int | None = None,
     retry_failed: bool = False,
     strict: bool = False,
     file: Path | None = None,
@@ -99,7 +100,7 @@ def plan(
         remark=remark,
         rerun=partial(rerun, typed_study, dict(values), rig=rig) if typed_study else None,
     )
-    return sweep.plan(file, fresh=fresh, retry_failed=retry_failed, strict=strict)
+    return sweep.plan(file, fresh=fresh, adopt=adopt, retry_failed=retry_failed, strict=strict)
 
 
 def rerun(study: str, values: Mapping[str, Any], point: Mapping[str, Any], rig: Path | None = None) -> str:

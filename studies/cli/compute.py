@@ -102,7 +102,7 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
     assigned = {"--set": options.pop("assignments"), "--scatter": options.pop("scatter")}
     values = _values(options.pop("standard_error"), assigned)
     config, rig, record, out = (options.pop(name) for name in ("config", "rig", "record", "out"))
-    how = {name: options.pop(name) for name in ("fresh", "retry_failed", "strict")}
+    how = {name: options.pop(name) for name in ("fresh", "adopt", "retry_failed", "strict")}
     names = () if record is None else tuple(name.strip() for name in record.split(","))
     wanted = request.Request(values=values, record=names, command=typed(*SHOWING) if writing else "", **options)
     for option, path in (("--rig", rig), ("--config", config)):

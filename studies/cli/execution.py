@@ -92,6 +92,8 @@ def execute(
         sys.exit(3)
     parts = [*summary.parts(study, finished.dataset)]
     show(summary.text(parts))
+    if planned.adopted:
+        say(f"\nadopted: {planned.adopted}")
     say("\nwritten: " + "\n         ".join(map(str, [finished.file, *finished.figures])))
     if any("differs" in [*part[1].get("deviation", ())] for part in parts if not isinstance(part, str)):
         say("why some differ: results/README.md, What differs from the paper, and why")

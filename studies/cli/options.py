@@ -45,9 +45,11 @@ DRAWS = (
     option("--samples", type=int, metavar="N", help="Number of draws; default: 1024. More are added to those."),
     option("--seed", type=int, metavar="N", help="Seed of the draws; default: 0."),
 )
+ADOPT = "After a change of code, keep stored results if N of their points, computed again, agree."
 STORED = (
     OUT,
     option("--fresh", is_flag=True, help="Start over, whatever the results folder holds of it."),
+    option("--adopt", type=click.IntRange(min=1), metavar="N", help=ADOPT),
     option("--retry-failed", is_flag=True, help="Compute failed points again."),
     option("--strict", is_flag=True, help="Refuse unusual values, and points of other versions and processors."),
 )

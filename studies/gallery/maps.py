@@ -109,7 +109,7 @@ def plan(
     x: str, y: str | None = None, quantities: str | Sequence[str] = "growth_rate",
     fix: Mapping[str, Any] | None = None, refine: int = 0, tolerance: float | None = None, out: Any = None, *,
     samples: int | None = None, seed: int | None = None, strict: bool = False, rig: Any = None, command: str = "",
-    **how: bool,
+    **how: Any,
 ) -> tuple[Study, Plan]:  # fmt: skip
     """The study and the plan of a map, with its file in the results folder.
 
