@@ -35,7 +35,8 @@ FIRST, TEST = readmes.blocks("sh", "README.md")[:2]
 ANSWERS = [each.command for each in generated.QUESTIONS]
 # What is computed of fewer points or for less time here.
 CUT = {
-    "member=1:4:4": "V=.5,1mm/s --set member=1,2 --set mu=.2 --set F=9 --set loading_times=.1 --set min_duration=.1",
+    "member=1:4:4": "member=1,2 --set V=.5,1mm/s --set mu=.2 --set F=9"
+    " --set loading_times=.1 --set min_duration=.1",
     "--refine 3": "--refine 1",
     "--samples 256": "--samples 4",
     "--workers 2": "--workers 2 --scheduler threads",
