@@ -145,7 +145,7 @@ def reader(clone, fiv, undrawn, monkeypatch):
                         Path(each).write_text(printed[-1])
             return printed
         assert language == "python"
-        file = Path("head_mass.py" if "head_mass" in text else f"block{len(text)}.py")
+        file = Path("head_mass.py" if "STUDY = Study(" in text else f"block{len(text)}.py")
         file.write_text(cut(text))
         return runpy.run_path(str(file), run_name="__main__")
 
@@ -341,7 +341,7 @@ def test_every_block_from_a_fresh_clone(tmp_path):
             elif language == "toml":
                 (home / re.match(r"# (\S+)", text)[1]).write_text(text)
             else:
-                file = "head_mass.py" if "head_mass" in text else f"block{len(name)}{k}.py"
+                file = "head_mass.py" if "STUDY = Study(" in text else f"block{len(name)}{k}.py"
                 (home / file).write_text(text)
                 run("python", file, cwd=home, env=environment)
     # All that the packages have is installed with them.
