@@ -35,7 +35,8 @@ FIRST, TEST = readmes.blocks("sh", "README.md")[:2]
 ANSWERS = [each.command for each in generated.QUESTIONS]
 # What is computed of fewer points or for less time here.
 CUT = {
-    "member=1:4:4": "V=.5,1mm/s --set member=1,2 --set mu=.2 --set F=9 --set loading_times=.1 --set min_duration=.1",
+    "member=1:4:4": "member=1,2 --set V=.5,1mm/s --set mu=.2 --set F=9"
+    " --set loading_times=.1 --set min_duration=.1",
     "--refine 3": "--refine 1",
     "--samples 256": "--samples 4",
     "--workers 2": "--workers 2 --scheduler threads",
@@ -144,7 +145,7 @@ def reader(clone, fiv, undrawn, monkeypatch):
                         Path(each).write_text(printed[-1])
             return printed
         assert language == "python"
-        file = Path("head_mass.py" if "head_mass" in text else f"block{len(text)}.py")
+        file = Path("head_mass.py" if "STUDY = Study(" in text else f"block{len(text)}.py")
         file.write_text(cut(text))
         return runpy.run_path(str(file), run_name="__main__")
 
@@ -340,7 +341,7 @@ def test_every_block_from_a_fresh_clone(tmp_path):
             elif language == "toml":
                 (home / re.match(r"# (\S+)", text)[1]).write_text(text)
             else:
-                file = "head_mass.py" if "head_mass" in text else f"block{len(name)}{k}.py"
+                file = "head_mass.py" if "STUDY = Study(" in text else f"block{len(name)}{k}.py"
                 (home / file).write_text(text)
                 run("python", file, cwd=home, env=environment)
     # All that the packages have is installed with them.

@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 
 from studies import registry, runner, summary
+from studies.gallery import maps
 from studies.results import settled
 from sweeps import DONE, PENDING
 from tests import HOME
@@ -61,3 +62,24 @@ def test_what_is_there_is_told_and_drawn(name, holes, results):
     )
     assert runner.draw(study, data)[""].axes
     assert int((data["status"] == DONE).sum()) + pending == data["status"].size
+
+
+@pytest.mark.parametrize("holes", HOLES)
+@pytest.mark.parametrize(
+    ("sides", "quantities"),
+    [
+        (("theta=2:8:3", "mu=0.1:0.3:3"), "growth_rate,unstable_modes"),
+        (("V=1e-3:5e-3:3", None), "velocity_rms,regime"),
+        (("theta=2:8:3", None), "onset_mu"),
+    ],
+)
+def test_maps_too(sides, quantities, holes):
+    fix = {"max_duration": 0.1, "min_duration": 0.02} if "regime" in quantities else {}
+    study, planned = maps.plan(*sides, quantities, fix)
+    data = planned.run("sync")
+    pending = xr.DataArray(HOLES[holes](data["status"].shape), dims=data["status"].dims)
+    for name in [*study.outputs]:
+        data[name] = data[name].where(~pending).assign_attrs(data[name].attrs)
+    data["status"] = data["status"].where(~pending, PENDING).assign_attrs(data["status"].attrs)
+    assert "not computed yet" in " ".join(summary.text(summary.parts(study, data), 100).split())
+    assert runner.draw(study, data)[""].axes
