@@ -51,6 +51,14 @@ class MixedWarning(UserWarning):
     """Points of one result are computed in different environments; the message names the differences."""
 
 
+class FailedPointsWarning(UserWarning):
+    """Points of a result failed; the message counts them and has the reason of the first."""
+
+
+class PendingWarning(UserWarning):
+    """Shares of a result are missing; the message names them."""
+
+
 class InputError(ValueError):
     """An argument is unusable; the message names it, its value and what would do."""
 

@@ -14,8 +14,8 @@ import numpy as np
 from sweeps.errors import UNREADABLE
 from sweeps.grid import INTERPOLATED_FLAG, STATUS_FLAGS
 from sweeps.storage.assemble import Table
-from sweeps.storage.existing import opened, sources_of
-from sweeps.storage.parts import Manifest
+from sweeps.storage.existing import opened, sources_of, unfinished
+from sweeps.storage.shares import shares_of
 from sweeps.storage.store import Store, owner, read_state, write_state
 
 # The file is written at most this often, and a rate counts once it was measured for so long, s.
@@ -144,11 +144,12 @@ def status(path: str | Path) -> Status:
     A FileNotFoundError or ValueError if there is no such file, or it is not the result of a sweep.
     """
     store = Store(path)
-    run = read_state(store.progress) if (running := store.is_locked()) else {}
+    running = [each for each in (store, *shares_of(store)) if each.is_locked()]
+    run = read_state(running[0].progress) if running else {}
     codes, state = None, "interrupted"
     # Without a usable manifest the run has finished, perhaps meanwhile, or the file explains what is wrong.
     with suppress(*UNREADABLE):
-        if (manifest := Manifest.load(store)) is not None:
+        if (manifest := unfinished(store)) is not None:
             codes = Table(manifest, sources_of(store, manifest, complete=False)).status
             points, first = codes.size, manifest.representative
             codes = codes if first is None else codes[(first < 0) | (first == np.arange(points))]

@@ -1,5 +1,6 @@
 """The two objects of a user: a sweep, which plans, and its plan, which runs."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,11 +9,12 @@ from typing import Any
 import xarray as xr
 
 from sweeps.compute.run import execute
-from sweeps.errors import InputError
+from sweeps.errors import InputError, PendingWarning
 from sweeps.fingerprint.identity import plain
 from sweeps.grid import Declaration
 from sweeps.plan.adoption import Adopt
 from sweeps.plan.planning import PlanData, make_plan, timed
+from sweeps.plan.shares import merged, share_of
 from sweeps.status import Progress
 from sweeps.task import Pointwise
 
@@ -131,11 +133,30 @@ class Plan(PlanData):
         """The same plan with a time estimated by computing some points now; NaN if all of them fail."""
         return replace(self, seconds=timed(self))
 
+    def share(self, number: int, count: int) -> "Plan":
+        """Plan one of `count` shares of the computations, for a job that computes it; `number` is from 1.
+
+        Shares may run at the same time, each writes parts of its own, and one that was stopped may run again. In
+        whichever folder they run, they are the same, whatever is stored there already. `merge` makes them a file.
+        """
+        return share_of(self, number, count)
+
+    def merge(self, *files: str | Path) -> xr.Dataset:
+        """Write what shares have computed, beside the store or other files, and return it; compute nothing.
+
+        A `PendingWarning` names missing shares; their points are pending, and may be merged later.
+        """
+        plan, missing = merged(self, files)
+        data = plan.run()
+        if missing:
+            warnings.warn(f"{self.sweep.name}: {missing}", PendingWarning, stacklevel=2)
+        return data
+
     def run(
         self,
         scheduler: Any = "threads",
         workers: int | None = None,
-        progress: Progress | None = None,
+        progress: Progress | bool | None = None,
         *,
         fail_fast: bool = False,
     ) -> xr.Dataset:
@@ -143,13 +164,15 @@ class Plan(PlanData):
 
         Parameters
         ----------
-        scheduler : str, distributed.Client or Dask cluster
+        scheduler : str, Dask client or cluster, concurrent.futures.Executor or callable
             "threads"; "sync": one batch after the other; "processes": a Dask cluster of processes on this machine;
-            or the address of a Dask scheduler, tcp://host:port.
+            the address of a Dask scheduler, tcp://host:port; or any executor: of threads, of processes, loky's,
+            that of mpi4py.futures. Of a function that makes executors a new one is taken if its workers die, and
+            the point that kills them fails; an executor itself is not shut down.
         workers : int, optional
-            Threads or processes; default: one for each core. Not for an address.
-        progress : callable, optional
-            `progress(snapshot)` with a `Snapshot` when batches begin and end.
+            Threads or processes; default: one for each core. Others have their own number.
+        progress : bool or callable, optional
+            True: a line on standard error; else `progress(snapshot)` with a `Snapshot` when batches begin and end.
         fail_fast : bool
             Stop at the first point that fails.
 
@@ -159,14 +182,19 @@ class Plan(PlanData):
             The requested points, dimensions in the grid's order; of a large file, large variables are read when
             they are used. `error` has the reasons of failed points.
 
+        Warns
+        -----
+        FailedPointsWarning
+            If points failed: how many, and why the first did.
+
         Raises
         ------
         StoreError, SchedulerError, InputError
             If the file cannot be written, or another run holds it; if there is no such scheduler; if the plan is
             strict and workers have another environment.
         ClusterLostError, SweepStoppedError
-            If the scheduler or all its workers disappear; if the first points, from several places of the grid,
-            all fail alike, or, with `fail_fast`, any fails. Finished batches stay in the store.
+            If the scheduler, all its workers or an executor's die; if the first points, from several places of the
+            grid, all fail alike, or, with `fail_fast`, any fails. Finished batches stay in the store.
         KeyboardInterrupt
             After the first interrupt, when the batches that have begun are stored. After the second at once: as
             AbandonedError if threads still compute, for which a normal exit would wait.

@@ -2,50 +2,97 @@
 
 import json
 import signal
+import sys
 import threading
+import time
 import warnings
 from collections.abc import Iterator, Sequence
-from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from queue import Empty, SimpleQueue
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from dask.local import SynchronousExecutor
 from dask.system import CPU_COUNT
 from numpy.typing import NDArray
 
 from sweeps import errors
-from sweeps.errors import DamagedError, SchedulerError, StoreError, SweepStoppedError, WorkerDied
+from sweeps.compute.executors import Backend, Payload, Points, check_backend, is_pool, pool, threads
+from sweeps.errors import ClusterLostError, DamagedError, InputError, StoreError, SweepStoppedError, WorkerDied
 from sweeps.fingerprint.identity import steady
-from sweeps.fingerprint.provenance import Environment, environment
+from sweeps.fingerprint.provenance import Environment
+from sweeps.grid import FAILED
 from sweeps.plan.adoption import Adoption, confirm
 from sweeps.plan.batches import BatchSizes, Queue
-from sweeps.plan.planning import ENGINE, ROW_BYTES, PlanData, mixture, select
-from sweeps.status import Monitor, Progress
+from sweeps.plan.planning import ENGINE, ROW_BYTES, PlanData, duration, mixture, select
+from sweeps.status import Monitor, Progress, Snapshot
 from sweeps.storage.assemble import Source, Table, assemble, declared
 from sweeps.storage.existing import existing, opened
 from sweeps.storage.netcdf import described, write
 from sweeps.storage.parts import BOOKKEEPING, PartSource, PartWriter
+from sweeps.storage.shares import Share, clear, locked, shares_of
 from sweeps.storage.store import Store
 from sweeps.task import BatchSummary, one_blas_thread
 
-LOCAL = ("threads", "sync", "processes")
-# s between looks at whether to stop.
-TICK = 0.1
+# s between looks at whether to stop; between lines of progress that are no terminal's.
+TICK, INTERVAL = 0.1, 5.0
 
 
 def execute(
-    plan: PlanData, scheduler: Any, workers: int | None, progress: Progress | None, fail_fast: bool
+    plan: PlanData, scheduler: Any, workers: int | None, progress: Progress | bool | None, fail_fast: bool
 ) -> tuple[xr.Dataset, PlanData]:
     """Run a plan; see `sweeps.Plan.run`. Returns the dataset and the plan as it is after that."""
     check_backend(scheduler, workers)
+    if not (progress is None or isinstance(progress, bool) or callable(progress)):
+        raise InputError(f"progress = {progress!r}: it must be True, False, None or a function of a Snapshot")
+    report = _lines() if progress is True else progress or None
+    data, after = _execute(plan, scheduler, workers, report, fail_fast)
+    if line := _failures(data):
+        warnings.warn(f"{plan.sweep.name}: {line}", errors.FailedPointsWarning, stacklevel=3)
+    return data, after
+
+
+def _lines() -> Progress:
+    """Progress as a line on standard error: on a terminal one that changes, else a new one now and then."""
+    stream, terminal, last = sys.stderr, sys.stderr.isatty(), time.monotonic()
+
+    def update(now: Snapshot) -> None:
+        nonlocal last
+        ended = not now.now and (now.done >= now.todo or now.stopping)
+        if not (ended or terminal or time.monotonic() - last >= INTERVAL):
+            return
+        last, texts = time.monotonic(), [f"{now.done} of {now.todo} done"]
+        texts += [f"{now.failed} failed"] * bool(now.failed) + ["stopping"] * (now.stopping and not ended)
+        texts += [f"{duration(now.left)} left"] * (now.left > 0.0)
+        start, end = ("\r", "\x1b[K" + "\n" * ended) if terminal else ("", "\n")
+        stream.write(f"{start}{', '.join(texts)}{end}")
+        stream.flush()
+
+    return update
+
+
+def _failures(data: xr.Dataset) -> str:
+    """How many points of a result failed, and where and why the first did; "" if none has."""
+    failed = np.flatnonzero(data["status"].values == FAILED)
+    if not len(failed):
+        return ""
+    status = data["status"]
+    place = dict(zip(status.dims, np.unravel_index(failed[0], status.shape), strict=True))
+    axes = [(name, each) for name, each in data.coords.items() if each.dims and set(each.dims) <= set(status.dims)]
+    point = ", ".join(f"{name} = {each.isel({d: place[d] for d in each.dims}).item()}" for name, each in axes)
+    first = " ".join(str(data["error"].isel(place).item()).split())
+    return f"{len(failed)} of {status.size} points failed, the first at {point}: {first}; data.status marks them"
+
+
+def _execute(
+    plan: PlanData, scheduler: Any, workers: int | None, progress: Progress | None, fail_fast: bool
+) -> tuple[xr.Dataset, PlanData]:
     if plan.store is None:
         table = _Run(plan, None, progress, fail_fast).compute(scheduler, workers)
         return declared(described(plan.manifest, assemble(table, lazy=False), plan.sweep.derive)), plan
-    store = Store(plan.store)
+    store = Store(plan.store) if plan.shared is None else Share(plan.store, *plan.shared)
     if not (plan.todo or plan.adoption):
         return _finish(plan, store, scheduler, workers, progress, fail_fast)
     with steady(plan.sweep, ENGINE, plan.manifest.attributes["fingerprint"]):
@@ -63,14 +110,14 @@ def _adopt(
     nothing: dict[str, Any] = {"sources": (), "environments": (), "cached": 0, "store": None, "seconds": 0.0}
     trial = replace(plan, **nothing, due=due, todo=len(chosen.points), sweep=replace(plan.sweep, refinement=None))
     before = Table(plan.manifest, [each for each in plan.sources if each.name not in plan.damaged])
-    with store.locked():
+    with locked(store):
         _check_version(plan, store)
         line = confirm(chosen, before, _Run(trial, None, progress, False).compute(scheduler, workers))
         remark = "; ".join(filter(None, [plan.sweep.remark, line]))
         manifest = replace(plan.manifest, attributes={**plan.manifest.attributes, "remark": remark})
         # What follows from all points follows when they are there.
         write(store, Table(manifest, before.sources), None if plan.todo else plan.sweep.derive)
-        store.clear()
+        clear(store)
     own = json.loads(plan.manifest.attributes["fingerprint"])
     present = existing(store, plan.sweep.name, own)
     sources = () if present is None else tuple(present.sources)
@@ -88,10 +135,12 @@ def _finish(
     plan: PlanData, store: Store, scheduler: Any, workers: int | None, progress: Progress | None, fail_fast: bool
 ) -> tuple[xr.Dataset, PlanData]:
     """Compute what is missing, write the file and read what is requested; return the plan as it is then."""
-    with nullcontext() if plan.whole else store.locked():
+    with nullcontext() if plan.whole else locked(store):
         _check_version(plan, store)
         if not plan.whole:
             table = _Run(plan, store, progress, fail_fast).compute(scheduler, workers)
+            if plan.shared is not None:
+                return declared(described(plan.manifest, assemble(table, lazy=True), None)), plan
             try:
                 if table.damaged:
                     raise DamagedError(table.damaged[0], str(store.parts))
@@ -100,23 +149,12 @@ def _finish(
                 # The next plan computes its points again.
                 (store.parts / problem.part).unlink(missing_ok=True)
                 raise
-            store.clear()
+            clear(store)
     if plan.whole and store.parts.exists():
         # They remain of a run that was killed when its file was complete; whoever releases the lock removes them.
         with suppress(StoreError), store.locked():
             pass
     return _requested(plan, store), replace(plan, version=store.version(), whole=True)
-
-
-def check_backend(scheduler: Any, workers: int | None) -> None:
-    """Raise a `SchedulerError` unless the scheduler is one of those that `Plan.run` accepts."""
-    known = isinstance(scheduler, str) and (scheduler in LOCAL or "://" in scheduler)
-    if not known and not hasattr(scheduler, "scheduler_info"):
-        kinds = "'threads', 'sync', 'processes', an address like tcp://host:8786, or a Dask client or cluster"
-        raise SchedulerError(f"scheduler = {scheduler!r}: it must be {kinds}")
-    whole = isinstance(workers, (int, np.integer)) and not isinstance(workers, bool)
-    if workers is not None and not (whole and workers >= 1):
-        raise SchedulerError(f"workers = {workers!r}: it must be an integer, 1 or above")
 
 
 def _requested(plan: PlanData, store: Store) -> xr.Dataset:
@@ -138,36 +176,6 @@ def _requested(plan: PlanData, store: Store) -> xr.Dataset:
     return declared(described(plan.manifest, some, plan.sweep.derive))
 
 
-class _Local(AbstractContextManager["_Local"]):
-    """An executor of threads of this process; with `workers` None this thread."""
-
-    window = 2  # submitted batches for each worker at most: one to work on, one that waits
-
-    def __init__(self, run: "_Run", workers: int | None) -> None:
-        self._run, self.workers = run, workers or 1
-        self._pool: Executor = SynchronousExecutor() if workers is None else ThreadPoolExecutor(workers)
-
-    def __exit__(self, kind: type[BaseException] | None, *problem: Any) -> None:
-        """Wait for the threads, which cannot be ended; after an interrupt give them up."""
-        abandoned = kind is not None and issubclass(kind, KeyboardInterrupt)
-        self._pool.shutdown(wait=not abandoned, cancel_futures=True)
-
-    def environments(self, libraries: tuple[str, ...]) -> list[dict[str, str]]:
-        return [environment(libraries)]
-
-    def check(self) -> None:
-        """Threads do not disappear."""
-
-    def submit(self, name: str, points: NDArray[np.intp]) -> Future[BatchSummary]:
-        return self._pool.submit(lambda: self._run.write(name, self._run.plan.task.run(points)))
-
-    def result(self, future: Future[BatchSummary]) -> BatchSummary:
-        return future.result()
-
-    def halt(self) -> None:
-        self._pool.shutdown(wait=False, cancel_futures=True)
-
-
 class _Run:
     def __init__(self, plan: PlanData, store: Store | None, progress: Progress | None, fail_fast: bool) -> None:
         self.plan, self.store, self.fail_fast = plan, store, fail_fast
@@ -183,8 +191,8 @@ class _Run:
         self._waiting = False
         self.interrupts, self.failure, self.common_error = 0, "", ""
         self.environments: list[Environment] = [*plan.environments]
-        # Name and points of each submitted batch.
-        self._submitted: dict[Future[Any], tuple[str, NDArray[np.intp]]] = {}
+        # Name and points of each submitted batch, and whether it is computed alone.
+        self._submitted: dict[Future[Any], tuple[str, NDArray[np.intp], bool]] = {}
         self._done: SimpleQueue[Future[Any]] = SimpleQueue()
         # Batches whose worker died; they are computed one at a time, so that only the guilty one can be blamed.
         self._suspects: list[NDArray[np.intp]] = []
@@ -221,7 +229,7 @@ class _Run:
 
     def _check_environments(self, environments: Sequence[Environment], *, strict: bool = True) -> None:
         if line := mixture(self.plan.store or self.plan.sweep.name, environments, strict and self.plan.strict):
-            warnings.warn(line, errors.MixedWarning, stacklevel=6 + (self.store is not None))
+            warnings.warn(line, errors.MixedWarning, stacklevel=7 + (self.store is not None))
 
     @contextmanager
     def _writing(self, store: Store) -> Iterator[None]:
@@ -235,15 +243,8 @@ class _Run:
     def _passes(self, scheduler: Any, workers: int | None) -> None:
         plan, due = self.plan, self.plan.due
         workers = min(workers or CPU_COUNT, plan.todo if plan.sweep.refinement is None else plan.points)
-        if scheduler in ("threads", "sync"):
-            backend: AbstractContextManager[Any] = _Local(self, workers if scheduler == "threads" else None)
-        else:
-            # Imported here: it is slow, and few runs need it.
-            from sweeps.compute.cluster import cluster
-
-            backend = cluster(scheduler, workers, plan.task, tuple(plan.sweep.code), self.writer)
         # BLAS is limited for all batches here, since it takes a few milliseconds.
-        with one_blas_thread(), backend as executor:
+        with one_blas_thread(), self._backend(scheduler, workers) as executor:
             self.monitor.rate = executor.workers * plan.todo / max(plan.seconds, 1e-9)
             self.environments += executor.environments(plan.task.libraries)
             self._check_environments(self.environments)
@@ -252,6 +253,8 @@ class _Run:
                     store.parts.mkdir(parents=True, exist_ok=True)
                     # Temporary files of killed runs, damaged parts, and parts of another manifest.
                     useless = {*store.part_names()} - {source.name for source in self.sources}
+                    for share in shares_of(store) if plan.manifest.fresh else ():
+                        share.clear()
                     for path in [*map(store.parts.joinpath, useless), *store.parts.glob(".*.tmp")]:
                         path.unlink(missing_ok=True)
                     plan.manifest.save(store)
@@ -259,19 +262,40 @@ class _Run:
             window = 1 if self.fail_fast or scheduler == "sync" else executor.window
             while due.any():
                 self._loop(due, executor, window)
-                if plan.sweep.refinement is None or self._stopped():
+                if plan.sweep.refinement is None or plan.shared or self._stopped():
                     return
                 due = select(plan.sweep, plan.manifest, plan.requested, self.sources)["due"]
                 self.monitor.todo += int(np.count_nonzero(due))
 
-    def _loop(self, due: NDArray[np.bool_], executor: Any, window: int) -> None:
+    @contextmanager
+    def _backend(self, scheduler: Any, workers: int) -> Iterator[Backend]:
+        if scheduler in ("threads", "sync") or isinstance(scheduler, ThreadPoolExecutor):
+            with threads(scheduler, workers, self._compute) as backend:
+                yield backend
+            return
+        payload = Payload.of(self.plan.task, tuple(self.plan.sweep.code), self.writer)
+        with payload.offered():
+            if scheduler == "processes" or is_pool(scheduler):
+                with pool(scheduler, workers, payload) as backend:
+                    yield backend
+                return
+            # Imported here: it is slow, and few runs need it.
+            from sweeps.compute.cluster import cluster
+
+            with cluster(scheduler, payload) as backend:
+                yield backend
+
+    def _compute(self, name: str, points: Points) -> BatchSummary:
+        return self.write(name, self.plan.task.run(np.asarray(points)))
+
+    def _loop(self, due: NDArray[np.bool_], executor: Backend, window: int) -> None:
         queue = Queue(self.plan.manifest.grid, due, self.plan.sweep.order_by)
         if self._first is None:
             self._first = queue.take_spread()
             self._submit(executor, self._first)
         while (queue.left or self._suspects or self._submitted) and not self._stopped():
             if self._suspects and not queue.left and not self._submitted:
-                self._submit(executor, self._suspects.pop())
+                self._submit(executor, self._suspects.pop(), alone=True)
             free = window * executor.workers - len(self._submitted)
             # A message to a cluster costs what a batch does, so half of the window is submitted at once.
             if window == 1 or 2 * free >= window * executor.workers:
@@ -284,17 +308,17 @@ class _Run:
         while self._submitted:
             self._collect(executor, queue.left)
 
-    def _submit(self, executor: Any, points: NDArray[np.intp]) -> None:
+    def _submit(self, executor: Backend, points: NDArray[np.intp], *, alone: bool = False) -> None:
         name = "" if self.writer is None else self.writer.next_name()
         ends = self.plan.manifest.grid.points(points[[0, -1]])
         texts = {k: [f"{n:g}" if isinstance(n, float) else str(n) for n in v.tolist()] for k, v in ends.items()}
         spans = [f"{axis} = {' to '.join(dict.fromkeys(each))}" for axis, each in texts.items()]
         self.monitor.begin(int(points[0]), ", ".join(spans))
         future = executor.submit(name, points)
-        self._submitted[future] = name, points
+        self._submitted[future] = name, points, alone
         future.add_done_callback(self._done.put)
 
-    def _collect(self, executor: Any, left: int) -> None:
+    def _collect(self, executor: Backend, left: int) -> None:
         """Take the result of a finished batch; wait a moment if there is none."""
         future, self._waiting = None, True
         with suppress(Empty):
@@ -305,13 +329,15 @@ class _Run:
         if future is None:
             executor.check()
             return
-        (name, points), summary = self._submitted.pop(future), None
+        (name, points, alone), summary = self._submitted.pop(future), None
         try:
             with suppress(CancelledError):
                 summary = executor.result(future)
+        except ClusterLostError:
+            if not self.interrupts:  # a terminal's Ctrl-C may have reached the workers, too
+                raise
         except WorkerDied:
-            if len(points) == 1 and not self._submitted:
-                # It was alone, so it is guilty.
+            if len(points) == 1 and alone:
                 summary = self.plan.task.run(points, RuntimeError("the process that computed this point died"))
             else:
                 self._suspects += np.array_split(points, min(2, len(points)))

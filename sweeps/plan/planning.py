@@ -86,6 +86,7 @@ class PlanData:
     strict: bool
     adoption: adoption.Adoption | None
     adopted: str = ""
+    shared: tuple[int, int] | None = None
 
     @property
     def most_seconds(self) -> float:
@@ -108,6 +109,7 @@ class PlanData:
             "points": f"{self.points}",
             "skipped": f"{self.skipped}",
             "refined": self.sweep.refinement and chosen,
+            "share": self.shared and "{} of {}".format(*self.shared),
             "distinct": f"{self.distinct}",
             "cached": f"{self.cached}" + (f", {self.failed} of them failed" if self.failed else ""),
             "to do": f"{self.todo}",

@@ -1,7 +1,9 @@
 """The results that a store has, finished or not: runs resume them (`existing`), readers open them."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +15,7 @@ from sweeps.grid import Axis, Grid
 from sweeps.storage.assemble import FileSource, Source, Table, assemble, declared, open_netcdf
 from sweeps.storage.netcdf import CHECKED, check_checksum, described
 from sweeps.storage.parts import Manifest, PartSource
+from sweeps.storage.shares import shares_of
 from sweeps.storage.store import Store, signature
 
 # A file up to this size is read at once, so that it can be replaced meanwhile.
@@ -33,13 +36,35 @@ def existing(store: Store, name: str, fingerprint: dict[str, Any], *, code: bool
 
     Without `code`, results of other code are taken as well.
     """
-    if (manifest := Manifest.load(store)) is None:
+    if not (manifests := _manifests(store)):
         return _finished(store, name, fingerprint, code=code) if store.file.exists() else None
-    _check_name(store.parts, manifest.name, name)
-    replaces = manifest.fresh and store.file.exists()
-    keep = f"; or remove {store.parts} to keep {store.file.name} as it is" if replaces else ""
-    _check_same(store.parts, manifest.attributes, fingerprint, keep, code=code)
-    return Existing(manifest.grid, sources_of(store, manifest, strict=True), manifest.attributes, manifest)
+    for place, each in manifests:
+        _check_name(place.parts, each.name, name)
+        replaces = each.fresh and store.file.exists()
+        keep = f"; or remove {place.parts} to keep {store.file.name} as it is" if replaces else ""
+        _check_same(place.parts, each.attributes, fingerprint, keep, code=code)
+    manifest = _combined(manifests)
+    grid = reduce(Grid.union, [each.grid for _, each in manifests])
+    return Existing(grid, sources_of(store, manifest, strict=True), manifest.attributes, manifest)
+
+
+def unfinished(store: Store) -> Manifest | None:
+    """The manifest of a run, or of shares, whose file is not finished; None if there is none."""
+    return _combined(found) if (found := _manifests(store)) else None
+
+
+def _manifests(store: Store) -> list[tuple[Store, Manifest]]:
+    """The manifests of a run and of the shares beside its file."""
+    loaded = [(each, Manifest.load(each)) for each in (store, *shares_of(store))]
+    return [(each, manifest) for each, manifest in loaded if manifest is not None]
+
+
+def _combined(manifests: Sequence[tuple[Store, Manifest]]) -> Manifest:
+    """The first manifest, which knows the parts of all."""
+    earlier = dict[str, Grid]()
+    for _, each in manifests:
+        earlier |= {**each.earlier, each.token: each.grid}
+    return replace(manifests[0][1], earlier=earlier)
 
 
 def check_replaceable(store: Store, name: str) -> None:
@@ -56,7 +81,8 @@ def check_replaceable(store: Store, name: str) -> None:
 
 def sources_of(store: Store, manifest: Manifest, *, strict: bool = False, complete: bool = True) -> list[Source]:
     """The sources of a manifest's points; a finished file that is unusable is left out unless `strict`."""
-    parts: list[Source] = [PartSource(store.parts, name) for name in store.part_names()]
+    places = (store, *shares_of(store))
+    parts: list[Source] = [PartSource(each.parts, name) for each in places for name in each.part_names()]
     if not manifest.fresh and store.file.exists():
         try:
             fingerprint = json.loads(manifest.attributes["fingerprint"])
@@ -148,12 +174,12 @@ def open_results(path: str | Path) -> xr.Dataset:
 def opened(path: str | Path) -> xr.Dataset:
     """The same with the variables as the file represents them."""
     store = Store(path)
-    if store.manifest.is_file():
+    if _has_parts(store):
         try:
             return _opened_parts(store)
         except StoreError as problem:
             # Unless the run has finished meanwhile.
-            if store.manifest.is_file() and not store.file.exists():
+            if _has_parts(store) and not store.file.exists():
                 raise InputError(str(problem)) from None
     if not store.file.exists():
         raise MissingFileError(f"{path}: there is no such file")
@@ -184,10 +210,14 @@ def opened(path: str | Path) -> xr.Dataset:
     return data
 
 
+def _has_parts(store: Store) -> bool:
+    return any(each.manifest.is_file() for each in (store, *shares_of(store)))
+
+
 def _opened_parts(store: Store) -> xr.Dataset:
     """The points that are finished so far; the others, and those of damaged parts, are pending."""
     before = signature(store.file)
-    manifest = Manifest.load(store)
+    manifest = unfinished(store)
     if manifest is None:
         raise StoreError(f"{store.file} was finished while its parts were read")
     table, data = Table(manifest, sources_of(store, manifest)), None
@@ -199,6 +229,6 @@ def _opened_parts(store: Store) -> xr.Dataset:
                 manifest, [each for each in table.sources if each.name not in (*table.damaged, problem.part)]
             )
     # A new file may be there while the parts still are, with its points at other places than the old one.
-    if not store.manifest.is_file() or signature(store.file) != before:
+    if not _has_parts(store) or signature(store.file) != before:
         raise StoreError(f"{store.file} was finished while its parts were read")
     return data

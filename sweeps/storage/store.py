@@ -9,6 +9,7 @@ STUDY.nc.parts/     during a run, and after it was interrupted:
 """
 
 import errno
+import glob
 import json
 import os
 import re
@@ -88,7 +89,8 @@ class Store:
 
     def exists(self) -> bool:
         """Whether there is a result, finished or not."""
-        return self.file.exists() or self.manifest.exists()
+        shares = self.file.parent.glob(f"{glob.escape(self.file.name)}.*-of-*.parts/manifest")
+        return self.file.exists() or self.manifest.exists() or any(shares)
 
     def part_names(self) -> list[str]:
         """Names of the parts, in the order in which their batches were submitted."""
