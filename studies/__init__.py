@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any
 
+    import pandas as pd
     import xarray as xr
 
     from fivcore import Structure
@@ -26,8 +27,8 @@ def run(
     study: str | Study,
     *,
     record: Sequence[str] = (),
-    sample_rate: float | None = None,
-    scheduler: str | None = None,
+    sample_rate: float | str | None = None,
+    scheduler: Any = None,
     workers: int | None = None,
     progress: bool | Progress | None = None,
     out: str | Path | None = None,
@@ -35,7 +36,7 @@ def run(
     samples: int | None = None,
     seed: int | None = None,
     sampling: str | None = None,
-    points: str | Path | Mapping[str, Any] | None = None,
+    points: str | Path | Mapping[str, Any] | pd.DataFrame | None = None,
     rig: Structure | str | Path | None = None,
     **parameters: Any,
 ) -> xr.Dataset:
@@ -45,23 +46,24 @@ def run(
     ----------
     study : str or Study
         A name that `fiv list` prints, the path of a FILE.py, or a `studies.study.Study`.
-    record, sample_rate : sequence of str, float
-        Time series to keep, such as "velocity_B", and their sampling rate, Hz.
-    scheduler, workers : str, int
-        "threads" (the default), "sync", or a Dask scheduler's address; number of processes, or of threads.
+    record, sample_rate : sequence of str, float or str
+        Time series to keep, such as "velocity_B", and their sampling rate, in Hz or as "20kHz".
+    scheduler, workers : object, int
+        "threads" (the default), "sync", a Dask scheduler's address, or what `sweeps.Plan.run` takes besides: a
+        Dask client or cluster, an executor; number of processes, or of threads.
     progress : bool or callable
         True shows a bar; a callable gets a `sweeps.Snapshot` now and then.
     out, fresh : path, bool
         The results folder, by default FIV_RESULTS or `results`; start over, instead of computing missing points.
     samples, seed, sampling : int, int, str
         Number of draws, their seed, and "sobol", "latin" or "random"; by default 1024, 0 and "sobol".
-    points : path or mapping
+    points : path, mapping or pandas.DataFrame
         Rows to compute instead of a grid: a CSV file, or columns by name.
     rig : Structure or path
         A `fivcore.Structure` in place of the paper's rig, its TOML file, or a result of it.
     **parameters
-        A number in SI, a word, a list, or text as on the command line: ``V="1,2mm/s"``, ``mu="0:0.5:101"``,
-        ``p1_length="normal:50:0.1mm"``.
+        A number in SI, a word, a list, a frozen distribution of `scipy.stats`, or text as on the command line:
+        ``V="1,2mm/s"``, ``mu="0:0.5:101"``, ``p1_length="normal:50:0.1mm"``.
 
     A wrong name or value is a `ValueError`, an unusable folder a `sweeps.StoreError`; nothing is written then.
     """

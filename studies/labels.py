@@ -20,8 +20,6 @@ READABLE = {
     "degree": ("°", 1.0),
 }
 SYMBOLS = {"theta": "θ", "mu": "μ"}
-# What a variable of regimes has at a point without a value.
-MISSING = {2: "failed", 3: "skipped", 0: "pending"}
 
 
 def unit_of(array: xr.DataArray) -> tuple[str, float]:
@@ -79,7 +77,7 @@ def number(value: Any) -> str:
 
 def words(array: xr.DataArray) -> np.ndarray:
     """The words of an array of flags; "-" where there is none."""
-    codes = np.asarray(array.attrs["flag_values"]).tolist()
+    codes = np.atleast_1d(array.attrs["flag_values"]).tolist()  # netCDF returns a single one as a scalar
     texts = [text.replace("_", " ") for text in str(array.attrs["flag_meanings"]).split()]
     meanings = dict(zip(codes, texts, strict=True))
     found: np.ndarray = np.vectorize(lambda code: meanings.get(code, "-"), otypes=[object])(array.values)

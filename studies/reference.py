@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
-from studies.results import REFERENCE, configuration
+from studies.results import configuration
 
 if TYPE_CHECKING:
     from studies.study import Study
@@ -37,11 +36,6 @@ TOLERANCE = {
 NAMED = 3
 # Processors and their BLAS differ by some 1e-12 of the largest value.
 ROUNDING = 1e-9
-
-
-def is_own(folder: Path) -> bool:
-    """Whether a folder is the repository's reference, which runs do not write."""
-    return folder.name == REFERENCE and (folder / "rig.svg").exists()
 
 
 def tolerance(name: str) -> tuple[float, float] | None:

@@ -31,7 +31,7 @@ KEYS: dict[str, tuple[tuple[type, ...], str]] = {
     "scatter": ((dict,), "a table of strings like 'normal:0.2:0.02'"),
     "points": ((str, dict), "a file or a table"),
     "record": ((list,), "a list of strings"),
-    "sample_rate": ((int, float), "a number"),
+    "sample_rate": ((int, float, str), "a number or a text like '20kHz'"),
     **dict.fromkeys(("study", "sampling", "scheduler"), ((str,), "a string")),
     **dict.fromkeys(("samples", "seed", "workers"), ((int,), "a whole number")),
 }
@@ -45,22 +45,23 @@ MOST_ROWS = 1_000_000
 class Request:
     """The request of a run: the study, and what the options of the command line say.
 
-    `values` has by parameter a SPEC, a distribution (`normal:0.2:0.02`), a word, a number, or a list of these;
-    `points` is a CSV file, or columns by name, whose rows are the points; `structure` is `Structure.to_dict` of
-    one in place of the rig.
+    `values` has by parameter a SPEC, a distribution (`normal:0.2:0.02`, or one of SciPy's), a word, a number, or a
+    list of these; `points` is a CSV file, a DataFrame, or columns by name, whose rows are the points; `structure`
+    is `Structure.to_dict` of one in place of the rig; `command` is the line that was typed.
     """
 
     study: str = ""
     values: Mapping[str, Any] = field(default_factory=dict)
     points: Any = None
     record: tuple[str, ...] = ()
-    sample_rate: float | None = None
+    sample_rate: float | str | None = None
     samples: int | None = None
     seed: int | None = None
     sampling: str | None = None
     scheduler: str | None = None
     workers: int | None = None
     structure: Mapping[str, Any] | None = None
+    command: str = ""
 
     def over(self, other: Request) -> Request:
         """The values of this request, and those of another where this one has none."""
@@ -86,20 +87,25 @@ class Request:
     def points_of(self, study: Study) -> dict[str, Any]:
         """Arguments of `Study.sweep` besides the values."""
         table = None if self.points is None else rows(study, self.points)
-        how: dict[str, Any] = {"record": self.record, "sample_rate": self.sample_rate, "rows": table}
+        rate = self.sample_rate
+        rate = spec.one(rate, "sample_rate", "Hz") if isinstance(rate, str) else rate
+        how: dict[str, Any] = {"record": self.record, "sample_rate": rate, "rows": table}
         how["structure"] = self.structure
         drawn = any(is_distribution(value) for value in self.values.values())
         for name in DRAWS:
             if (value := getattr(self, name)) is not None and name not in study.parameters:
                 if not drawn:
-                    raise InputError(f"--{name} {value}: it is for draws; give a distribution with --scatter")
+                    raise InputError(f"{name} = {value}: it is for draws; give a distribution, mu=normal:0.2:0.02")
                 how[name] = value
         return how
 
     def stored(self) -> dict[str, Any]:
         """The parts of the request that a result's file stores besides its parameters."""
-        drawn = {name: getattr(v, "text", v) for name, v in self.values.items() if is_distribution(v)}
+        from studies.uncertainty import text_of
+
+        drawn = {name: text_of(v, name) for name, v in self.values.items() if is_distribution(v)}
         rest = {"record": list(self.record), "scatter": drawn, "seed": self.seed, "sampling": self.sampling}
+        rest["command"] = self.command
         return {name: value for name, value in rest.items() if value}
 
     def bears_unit(self, name: str) -> bool:
@@ -110,21 +116,25 @@ class Request:
 
 def is_distribution(value: Any) -> bool:
     """Whether a value is a distribution, or the text of one."""
-    from studies.uncertainty import KINDS
+    from studies.uncertainty import is_kind
 
-    return hasattr(value, "ppf") or (isinstance(value, str) and value.partition(":")[0].strip() in KINDS)
+    return hasattr(value, "ppf") or (isinstance(value, str) and is_kind(value.partition(":")[0].strip()))
 
 
 def _read(study: Study, name: str, value: Any) -> Any:
     """A value of a parameter; a string is a word, a SPEC or a distribution."""
     parameter = study.parameter(name)
+    if hasattr(value, "ppf") and not hasattr(value, "text"):
+        from studies.uncertainty import text_of
+
+        value = text_of(value, name)
     if not isinstance(value, str):
         return value
     if parameter.choices:
         return spec.listed(value, parameter.choices)
     if value.strip() == "auto":
         return None if parameter.default is None else "auto"
-    if is_distribution(value) or re.match(r"\s*(?!log:)[a-z]+:", value):
+    if is_distribution(value) or re.match(r"\s*(?!log:)[a-z]\w*:", value):
         from studies.uncertainty import parse
 
         return parse(value, name, parameter.units)
@@ -212,13 +222,16 @@ def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Request:
 
 
 def rows(study: Study, points: Any) -> dict[str, Any]:
-    """The columns of a CSV file, or columns by name, in the study's units; heads are NAME or NAME [UNIT]."""
+    """The columns of a CSV file or DataFrame, or by name, in the study's units; heads are NAME or NAME [UNIT]."""
     import pandas as pd
 
-    where = "points" if isinstance(points, Mapping) else f"--points {points}"
+    columnar = isinstance(points, (Mapping, pd.DataFrame))
+    where = "points" if columnar else f"points = {points}"
     try:
-        if isinstance(points, Mapping):
-            table = pd.DataFrame({name: np.atleast_1d(np.asarray(column)) for name, column in points.items()})
+        if columnar:
+            table = points
+            if isinstance(points, Mapping):
+                table = pd.DataFrame({name: np.atleast_1d(np.asarray(column)) for name, column in points.items()})
             heads = [str(head) for head in table]
         else:
             # Without a header pandas renames no head and takes no column as an index.

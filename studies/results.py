@@ -69,9 +69,14 @@ def reference_folder(out: str | Path | None = None) -> Path:
     return folder if folder.is_dir() else Path("results") / REFERENCE
 
 
+def is_own(folder: Path) -> bool:
+    """Whether a folder is the repository's reference, which runs do not write, and not one called like it."""
+    return folder.name == REFERENCE and (folder / "rig.svg").exists()
+
+
 def is_reference(file: Path) -> bool:
     """Whether a file is one of the repository's own outcomes."""
-    return file.parent.parent.name == REFERENCE
+    return is_own(file.parent.parent)
 
 
 def results_file(name: str | Path, out: str | Path | None = None) -> Path:
@@ -109,8 +114,7 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
             raise
         names = ", ".join(path.stem for path in stored(out)) or "nothing"
         raise MissingFileError(
-            f"no result {text!r} in {results_folder(out)}, which has {names}; compute it with: "
-            f"{command('run', text, out)}"
+            f"no result {text!r} in {results_folder(out)}, which has {names}; compute it with studies.run"
         ) from None
     owner = dataset.attrs.get("sweep")
     if not is_path(text) and owner != file.stem and file.parent.name != MAPS:

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,7 @@ from fivcore.errors import FIXED, fixed_contact
 from studies import reference, registry
 from studies.parameters import unusual, warn_unusual
 from studies.request import Request
-from studies.results import file_of, open_dataset, reference_folder, results_folder
+from studies.results import file_of, is_own, open_dataset, reference_folder, results_folder
 from studies.spec import typed
 from sweeps import InputError, check_backend
 
@@ -69,6 +70,7 @@ def plan(
     out: str | Path | None = None,
     *,
     fresh: bool = False,
+    adopt: int | None = None,
     retry_failed: bool = False,
     strict: bool = False,
     file: Path | None = None,
@@ -81,8 +83,8 @@ def plan(
     one = registry.resolve(study) if file is None else study
     assert not isinstance(one, str)
     file = file or file_of(one.name, out)
-    if reference.is_own(results_folder(out)):
-        raise InputError(f"{results_folder(out)}: runs only read the reference; choose another folder (--out)")
+    if is_own(results_folder(out)):
+        raise InputError(f"{results_folder(out)}: runs only read the reference; choose another folder (out=...)")
     values = request.values_of(one)
     sweep = one.sweep(values, **request.points_of(one))
     every = {name: parameter.default for name, parameter in one.parameters.items()} | values
@@ -98,7 +100,7 @@ def plan(
         remark=remark,
         rerun=partial(rerun, typed_study, dict(values), rig=rig) if typed_study else None,
     )
-    return sweep.plan(file, fresh=fresh, retry_failed=retry_failed, strict=strict)
+    return sweep.plan(file, fresh=fresh, adopt=adopt, retry_failed=retry_failed, strict=strict)
 
 
 def rerun(study: str, values: Mapping[str, Any], point: Mapping[str, Any], rig: Path | None = None) -> str:
@@ -113,7 +115,7 @@ def rerun(study: str, values: Mapping[str, Any], point: Mapping[str, Any], rig: 
     return shlex.join(["fiv", "run", study, *options, "--scheduler", "sync", "--out", "again", "--fresh"])
 
 
-def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None]:
+def backend(scheduler: Any, workers: int | None) -> tuple[Any, int | None]:
     """Back end and workers for `Plan.run`: as requested; else Dask's configured cluster; else threads.
 
     Workers without a scheduler are processes on this machine. Other combinations raise an `InputError`.
@@ -125,16 +127,17 @@ def backend(scheduler: str | None, workers: int | None) -> tuple[str, int | None
         if address is not None and "://" not in str(address):
             raise InputError(f"DASK_SCHEDULER_ADDRESS = {address!r}: it must be an address like tcp://host:8786")
         scheduler = "processes" if workers is not None else (address or "threads")
-    if "://" in scheduler and workers is not None:
-        raise InputError(f"--workers {workers}: the cluster at {scheduler} has its own workers; leave it out")
-    check_backend(scheduler, workers)
+    if isinstance(scheduler, str):
+        if "://" in scheduler and workers is not None:
+            raise InputError(f"workers = {workers}: the cluster at {scheduler} has its own; leave it out")
+        check_backend(scheduler, workers)
     return scheduler, workers
 
 
 def execute(
     study: Study,
     planned: sweeps.Plan,
-    scheduler: str = "threads",
+    scheduler: Any = "threads",
     workers: int | None = None,
     progress: Progress | None = None,
     *,
@@ -160,34 +163,36 @@ def study_of(dataset: xr.Dataset, whose: str = "dataset") -> Study:
         return Study(name, str(dataset.attrs.get("title", name)), "", {}, {"-": ("1", "")}, lambda: {})
 
 
-def format_of(path: str | Path, form: str | None = None) -> str:
-    """Format of a figure, one of `FORMATS`: as requested, else the path's suffix, else png."""
-    chosen = form or Path(path).suffix.removeprefix(".") or FORMATS[0]
-    if chosen not in FORMATS:
-        raise InputError(f"format = {chosen!r}: it must be one of {', '.join(FORMATS)}")
-    return chosen
-
-
 def draw(study: Study, dataset: xr.Dataset) -> dict[str, Any]:
     """Figures of a result by what is added to their file's name: "" the study's, "-series" recorded series."""
     from studies.plotting import figures, general
 
     with figures.style():
-        usual = (
-            study.figure is not None and study.is_usual(dataset) and bool((dataset["status"] == sweeps.DONE).any())
-        )
-        drawn = {"": study.figure(dataset) if usual and study.figure else general.draw(dataset)}
+        shown = study.presented(dataset) if study.figure is not None else None
+        drawn = {"": general.draw(dataset) if shown is None or study.figure is None else study.figure(shown)}
         names = [name for name in general.series_of(dataset) if name not in study.outputs]
         return drawn | ({"-series": general.draw_series(dataset, names)} if names else {})
 
 
 def image(study: Study, dataset: xr.Dataset, form: str = "png") -> dict[str, bytes]:
-    """The figures as files that name their data (`studies.plotting.figures.data_digest`)."""
+    """The figures as files that name their origin (`picture_digest`)."""
     from studies.plotting import figures
 
     with figures.style():
-        digest = figures.data_digest(dataset)
+        digest = picture_digest(study, dataset)
         return {name: figures.saved(figure, form, digest) for name, figure in draw(study, dataset).items()}
+
+
+def picture_digest(study: Study, dataset: xr.Dataset) -> str:
+    """Digest of what a result's figures show: its data, and the code that draws; "" if that cannot be compared."""
+    from studies.plotting import figures, general
+
+    try:
+        drawing = (study.derive, study.figure, general.draw, general.draw_series)
+        code = sweeps.digests([each for each in drawing if each is not None])
+    except InputError:
+        return ""
+    return sha256(f"{figures.data_digest(dataset)} {code}".encode()).hexdigest()
 
 
 def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png") -> list[Path]:

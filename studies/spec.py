@@ -34,6 +34,14 @@ def parse(spec: str, name: str, units: str = "") -> NDArray[Any]:
         raise InputError(f"{name} = {spec!r}: {problem}{forms}") from None
 
 
+def one(spec: str, name: str, units: str = "") -> float:
+    """The single value of SPEC."""
+    values = parse(spec, name, units)
+    if len(values) > 1:
+        raise InputError(f"{name} = {spec!r}: it must be one value")
+    return float(values[0])
+
+
 def listed(spec: str, words: Sequence[str]) -> list[str]:
     """The words of a list with commas, which the known `words` may contain themselves."""
     parts, entries = spec.split(","), list[str]()
@@ -63,6 +71,13 @@ def converted(spec: str, units: str, name: str = "it") -> str:
         return spec
     values = len(bears) - (separator == ":")  # the last of a range is its count
     if bears[-1] and not any(bears[:-1]):
+        # Who types an exponent thinks in SI.
+        bare = next((number for number in numbers[: len(numbers) - 1] if "e" in number.lower()), "")
+        if bare and convert(1.0, bears[-1], units, name) != 1.0:
+            own = "" if units == "1" else f" {units}"
+            raise InputError(
+                f"{bare} beside {spec.split(separator)[-1].strip()}: write {bare}{bears[-1]}, or {bare}{own}"
+            )
         bears = [bears[-1]] * values
     if not all(bears[:values]) or any(bears[values:]):
         count = " (the count has none)" * (separator == ":")
@@ -78,7 +93,7 @@ def refined(spec: str, name: str, levels: int, units: str = "") -> NDArray[Any]:
     The values of fewer levels are among those of more, bit for bit.
     """
     values = np.unique(parse(spec, name, units))
-    refusal = f"{name} = {spec!r}: it cannot be halved {levels} times; choose a smaller --refine"
+    refusal = f"{name} = {spec!r}: it cannot be halved {levels} times; choose a smaller refine"
     if (len(values) - 1) * 2**levels >= MOST_VALUES:
         raise InputError(refusal)
     for _ in range(levels):

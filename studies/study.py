@@ -15,7 +15,7 @@ from fivcore import Structure, checks
 from studies.motion import scenes, series
 from studies.parameters import FRICTION, RIG, SCENE, Parameter, suggest
 from studies.results import is_usual, settled
-from sweeps import Axis, Grid, InputError, Sample, Sweep, Variable, check_size
+from sweeps import DONE, PENDING, Axis, Grid, InputError, Sample, Sweep, Variable, check_size
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -123,6 +123,16 @@ class Study:
     def is_usual(self, dataset: xr.Dataset) -> bool:
         """Whether a result has the study's own dimensions, which its summary and figure present."""
         return is_usual(dataset, self.dims)
+
+    def presented(self, dataset: xr.Dataset) -> xr.Dataset | None:
+        """The result as summary and figure take it; None for which they are not made, or if no point is done.
+
+        A result that is not finished gets what the study derives; pending points have no values.
+        """
+        status = dataset["status"]
+        if not (self.is_usual(dataset) and (status == DONE).any()):
+            return None
+        return self.derive(dataset) if self.derive is not None and (status == PENDING).any() else dataset
 
     def parameter(self, name: str, structure: Any = None) -> Parameter:
         """A parameter by its name; an `InputError` suggests the nearest, with a structure not of the beams."""
@@ -299,6 +309,8 @@ class Study:
         left = {name: parameter for name, parameter in self.parameters.items() if name not in RIG}
         if theta := left.get("theta"):
             left["theta"] = replace(theta, default=np.zeros(1) if theta.is_axis else 0.0)
+        if cutoff := left.get("cutoff"):
+            left["cutoff"] = replace(cutoff, default=None)  # another default is for the paper's beams
         return left
 
     def _column(self, name: str, values: Any) -> NDArray[Any]:
@@ -496,8 +508,14 @@ def compute(call: Call, points: Mapping[str, Any], **fixed: Any) -> dict[str, An
         numbers = {**fixed, **{name: values[chosen] for name, values in points.items()}, **common}
         size = len(next(iter(points.values()))[chosen])
         try:
-            found = dict(call.function(**call.arguments(numbers, size)))
-            results.append({k: _padded(v, size, call.shapes.get(k)) for k, v in found.items()})
+            given = call.arguments(numbers, size)
+            found = dict(call.function(**given))
+            # Without an argument that varies all points have one result, as those of a table that repeat.
+            repeats = given.keys().isdisjoint({"scenes", *(points.keys() - {*call.common})})
+            results.append({k: _padded(v, size, call.shapes.get(k), repeats) for k, v in found.items()})
+        except BatchError as problem:
+            # Every point fails: the engine would hide the mistake, since batches of a single point succeed.
+            results.append({"error": [problem] * size} if len(groups) == 1 else problem)
         except (ValueError, ArithmeticError) as problem:
             if len(groups) == 1:
                 raise
@@ -533,7 +551,11 @@ def _groups(common: Mapping[str, NDArray[Any]], count: int) -> list[tuple[dict[s
     return [(dict(zip(common, row, strict=True)), np.array(chosen)) for row, chosen in places.items()]
 
 
-def _padded(value: Any, count: int, shape: tuple[int, ...] | None) -> Any:
+class BatchError(ValueError):
+    """A study's function returned one value for several points."""
+
+
+def _padded(value: Any, count: int, shape: tuple[int, ...] | None, repeats: bool) -> Any:
     """An output of the declared shape, filled with NaN where the function returned fewer entries."""
     if shape is None:
         return value
@@ -541,7 +563,8 @@ def _padded(value: Any, count: int, shape: tuple[int, ...] | None) -> Any:
     if not values.ndim:
         return values.reshape(1) if count == 1 else values  # the engine then asks for one point at a time
     if len(values) == 1 < count:
-        # All points of the call have the same parameters, those of a table repeat.
+        if not repeats:
+            raise BatchError(f"1 value for {count} points; return an array with one entry for each point")
         values = np.repeat(values, count, axis=0)
     missing = [(0, 0), *((0, full - size) for full, size in zip(shape, values.shape[1:], strict=True))]
     if not any(more for _, more in missing):

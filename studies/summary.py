@@ -12,7 +12,7 @@ import numpy as np
 from studies import claims, labels
 from studies.parameters import RIG, SCENE
 from studies.results import settings, structure_in
-from sweeps import DONE, FAILED
+from sweeps import DONE, FAILED, PENDING
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,11 +61,11 @@ def frame(dataset: xr.Dataset, names: Sequence[str], along: str | Sequence[str] 
 def parts(study: Study, dataset: xr.Dataset) -> Iterator[Any]:
     """The whole summary of a result: what is fixed, the study's own parts, the paper's claims, failed points."""
     yield fixed_text(study, dataset)
-    if study.summary is not None and study.is_usual(dataset):
-        yield from study.summary(dataset)
-    else:
-        yield from general(dataset)
-    beside = claims.beside(dataset, study.claims)
+    if pending := int((dataset["status"] == PENDING).sum()):
+        yield f"{pending} of {dataset['status'].size} points are not computed yet; this is of the others."
+    shown = study.presented(dataset) if study.summary is not None else None
+    yield from general(dataset) if shown is None or study.summary is None else study.summary(shown)
+    beside = claims.beside(dataset if shown is None else shown, study.claims)
     if len(beside):
         yield "Beside the paper", beside
     yield from failures(dataset)

@@ -24,6 +24,7 @@ Array = NDArray[Any]
 
 FORMS = "normal:MEAN:SD | uniform:LOW:HIGH | lognormal:MEDIAN:SIGMA | triangular:LOW:MODE:HIGH"
 KINDS = {form.split(":")[0]: tuple(form.split(":")[1:]) for form in FORMS.split(" | ")}
+SCIPYS = "NAME:SHAPES:LOC:SCALE of scipy.stats"
 # What a parameter can be at all; outside a distribution is truncated. The ends of theta are excluded.
 PHYSICAL = dict.fromkeys(
     (*RIG, "mu", "F", "decay_speed", "ramp", "min_duration", "max_duration", "cutoff"), (0.0, math.inf)
@@ -81,6 +82,38 @@ class Distribution:
         return np.asarray(np.clip(values, self.low, self.high))
 
 
+def is_kind(word: str) -> bool:
+    """Whether a word names a distribution: one of FORMS, or a continuous one of `scipy.stats`."""
+    return word in KINDS or (word.isidentifier() and bool(_scipys(word)))
+
+
+def _scipys(word: str) -> tuple[str, ...]:
+    """Names of the numbers of a distribution of `scipy.stats`; () if there is none."""
+    found = getattr(scipy.stats, word, None)
+    if not isinstance(found, scipy.stats.rv_continuous):
+        return ()
+    return (*filter(None, (found.shapes or "").replace(" ", "").split(",")), "loc", "scale")
+
+
+def text_of(given: Any, name: str) -> str:
+    """The text that one types for a distribution of a parameter, which may be a frozen one of `scipy.stats`."""
+    if isinstance(text := getattr(given, "text", given), str):
+        return text
+    kind = str(getattr(getattr(given, "dist", None), "name", ""))
+    try:
+        names = _scipys(kind)
+        numbers = {"loc": 0.0, "scale": 1.0} | dict(zip(names, given.args, strict=False)) | given.kwds
+        parts = [typed(float(numbers[each])) for each in names]
+        if not parts:
+            raise InputError
+    except (AttributeError, TypeError, KeyError, InputError):
+        ways = "norm(0.2, 0.02), or a text such as normal:0.2:0.02"
+        raise InputError(f"{name} = {given!r}: it must be a frozen distribution of scipy.stats, {ways}") from None
+    own = {"norm": ("normal", parts), "uniform": ("uniform", [parts[0], typed(sum(map(float, parts)))])}
+    kind, parts = own.get(kind, (kind, parts))
+    return ":".join([kind, *parts])
+
+
 def parse(text: str, name: str, units: str = "1") -> Distribution:
     """The distribution of a parameter, of a text with plain numbers in `units` or with units of its own.
 
@@ -88,28 +121,35 @@ def parse(text: str, name: str, units: str = "1") -> Distribution:
     """
     try:
         kind, *parts = text.strip().split(":")
-        if kind not in KINDS:
-            raise InputError(f"{kind!r} is none of {', '.join(KINDS)}")
-        if len(parts) != len(KINDS[kind]):
-            raise InputError(f"{kind} takes {len(KINDS[kind])} numbers, not {len(parts)}")
+        names = KINDS.get(kind) or _scipys(kind)
+        if not names:
+            raise InputError(f"{kind!r} is none of {', '.join(KINDS)}, nor a continuous one of scipy.stats")
+        if len(parts) != len(names):
+            raise InputError(f"{kind} takes {len(names)} numbers, not {len(parts)}: {', '.join(names)}")
         if "," in text:
             raise InputError("numbers are separated by ':', not by ','")
-        # SIGMA, of logarithms, has no unit.
-        sized = 1 if kind == "lognormal" else len(parts)
-        parts[:sized] = converted(",".join(parts[:sized]), units).split(",")
+        # SIGMA, of logarithms, has no unit, nor have shapes.
+        sized = 1 if kind == "lognormal" else len(parts) if kind in KINDS else 0
+        if sized:
+            parts[:sized] = converted(",".join(parts[:sized]), units).split(",")
         numbers = [finite(part) for part in parts]
         low, high = PHYSICAL.get(name, (-math.inf, math.inf))
         found = Distribution(":".join([kind, *map(typed, numbers)]), _frozen(kind, *numbers), low, high)
         if not 1.0 - found.cut >= LEAST_LEFT:
             raise InputError(f"{100.0 * found.cut:.3g} % of it is beyond what {name} can be, {low:g} to {high:g}")
     except ValueError as problem:
-        raise InputError(f"{name} = {text!r}: {problem}; the forms are {FORMS}") from None
+        raise InputError(f"{name} = {text!r}: {problem}; the forms are {FORMS} | {SCIPYS}") from None
     return found
 
 
 def _frozen(kind: str, *numbers: float) -> Any:
     """SciPy's distribution; an `InputError` for numbers that define none."""
     first, *_, last = numbers
+    if kind not in KINDS:
+        found = getattr(scipy.stats, kind)(*numbers)
+        if not np.all(np.isfinite(found.ppf([0.01, 0.5, 0.99]))):
+            raise InputError("these numbers define no distribution")
+        return found
     names = KINDS[kind]
     if kind in ("normal", "lognormal"):
         for name, value in zip(names, numbers, strict=True):
@@ -138,7 +178,7 @@ def distributions(texts: Mapping[str, str]) -> dict[str, Distribution]:
     """The distributions of parameters of stability; an `InputError` names one that is none of these."""
     for name in set(texts) - set(UNCERTAIN):
         near = suggest(name, UNCERTAIN) or f"choose from {', '.join(UNCERTAIN)}"
-        raise InputError(f"--scatter {name}: stability does not depend on it; {near.strip()}")
+        raise InputError(f"{name}: stability does not depend on it; {near.strip()}")
     return {name: parse(text, name, (SCENE | RIG)[name].units) for name, text in texts.items()}
 
 

@@ -6,14 +6,9 @@ A sweep is declared, planned, executed and stored. The engine knows no physics.
 # ruff: noqa: F401, I001 - these are the names for users
 from sweeps.compute.executors import check_backend
 from sweeps.errors import AbandonedError, ClusterLostError, FailedPointsWarning, InputError, LockedError
-from sweeps.errors import (
-    MissingFileError,
-    MixedWarning,
-    PendingWarning,
-    SchedulerError,
-    StoreError,
-    SweepStoppedError,
-)
+from sweeps.errors import MissingFileError, MixedWarning, PendingWarning, SchedulerError, StoreError
+from sweeps.errors import SweepStoppedError
+from sweeps.fingerprint.code import digests
 from sweeps.fingerprint.identity import json_equal, plain
 from sweeps.fingerprint.modules import load_script
 from sweeps.fingerprint.provenance import source

@@ -86,7 +86,7 @@ class Sweep(Declaration):
         fresh: bool = False,
         retry_failed: bool = False,
         strict: bool = False,
-        adopt: int | Adopt = 0,
+        adopt: int | Adopt | None = None,
     ) -> "Plan":
         """Decide everything before the first expensive call, without calling the function.
 
@@ -99,7 +99,7 @@ class Sweep(Declaration):
         strict : bool
             Refuse to mix environments: versions of Python, libraries and BLAS, or kinds of processor. By default
             a mixture is a `MixedWarning`, and the file's attribute `environments` lists them.
-        adopt : int or Adopt
+        adopt : int or Adopt, optional
             After a change of code, keep the stored results if so many stored computations, repeated when the plan
             runs, agree: in all bits, or within four standard errors where a variable `x` has its standard error
             `x_se` beside it. The history of the file says so. If they do not agree, nothing changes.

@@ -5,14 +5,15 @@ from __future__ import annotations
 import re
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from studies.cli.app import command, warned
-from studies.cli.execution import estimated, execute
+from studies.cli.execution import estimated, execute, typed, with_axes
 from studies.cli.options import HOW, MAP, POINTS, STUDY
 from studies.cli.output import columns, say, show
 from studies.cli.progress import announce_compiling
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from studies.study import Study
     from sweeps import Plan
 
+# Letters of the name of a folder that is offered; options that change nothing in a result.
+LONGEST, SHOWING = 60, ("--fresh", "--yes", "-q", "--quiet", "-v", "--verbose", "--retry-failed", "--fail-fast")
 TIME = click.option("--time", "timed", is_flag=True, help="Compute a few points now, to estimate the time of all.")
 
 
@@ -33,7 +36,7 @@ def plan(study: str, timed: bool, **points: Any) -> None:
     fiv plan scenes --set V=log:1e-3:1e-2:10 --record velocity_B
     """  # noqa: D301 - the backspace tells click to keep the lines
     one, planned, _, lines = _planned(study, points, False)
-    show(repr(planned.timed()) if timed else estimated(one.name, planned)[1])
+    show(with_axes(one, planned, repr(planned.timed()) if timed else estimated(one.name, planned)[1]))
     say(*lines)
 
 
@@ -46,15 +49,32 @@ def run(study: str, fail_fast: bool, yes: bool, share: str | None, **points: Any
     fiv run fig5 --set theta=8 --set p1_length=60mm --out elsewhere
     fiv run scenes --set V=1,2mm/s --record velocity_B --sample-rate 50e3
     fiv run robust --scatter p1_thickness=uniform:1.4:1.6mm --samples 256
-    fiv run fig5 --points rigs.csv
+    fiv run fig5 --points rigs.csv --out rigs
     fiv run other/fig5/fig5.nc                    the same as that result
 
     Points that the results folder holds are not computed again. Ctrl-C finishes the points under way and stores
     them; the same command then computes the missing points.
     """  # noqa: D301 - the backspace tells click to keep the lines
     announce_compiling()
-    one, planned, request, lines = _planned(study, points, True)
+    with _offering(points["assignments"], points["out"]):
+        one, planned, request, lines = _planned(study, points, True)
     execute(one, _shared(planned, share), (request.scheduler, request.workers), fail_fast, yes, lines)
+
+
+@contextmanager
+def _offering(assignments: Sequence[str], out: str | None) -> Iterator[None]:
+    """Add to a refused results folder a command with another, named after the requested values."""
+    from sweeps import LockedError, StoreError
+
+    try:
+        yield
+    except LockedError:
+        raise
+    except StoreError as problem:
+        name = re.sub(r"[^\w.,+-]", "_", "-".join(text.replace("=", "-", 1) for text in assignments))[:LONGEST]
+        if out or not name:
+            raise
+        raise StoreError(f"{problem}; for example: {typed('--fresh')} --out {name}") from None
 
 
 def _values(standard_error: float | None, options: dict[str, Sequence[str]]) -> dict[str, Any]:
@@ -82,9 +102,9 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
     assigned = {"--set": options.pop("assignments"), "--scatter": options.pop("scatter")}
     values = _values(options.pop("standard_error"), assigned)
     config, rig, record, out = (options.pop(name) for name in ("config", "rig", "record", "out"))
-    how = {name: options.pop(name) for name in ("fresh", "retry_failed", "strict")}
+    how = {name: options.pop(name) for name in ("fresh", "adopt", "retry_failed", "strict")}
     names = () if record is None else tuple(name.strip() for name in record.split(","))
-    wanted = request.Request(values=values, record=names, **options)
+    wanted = request.Request(values=values, record=names, command=typed(*SHOWING) if writing else "", **options)
     for option, path in (("--rig", rig), ("--config", config)):
         if path is not None:
             wanted = wanted.over(request.read(path, option))
@@ -125,9 +145,9 @@ def _shared(planned: Plan, share: str | None) -> Plan:
 
 def planned_again(file: Path, out: str | None) -> tuple[Study, Plan]:
     """The study of a result, finished or not, and its plan in a results folder."""
-    options = dict.fromkeys(("standard_error", "config", "rig", "record"), None)
-    flags = dict.fromkeys(("fresh", "retry_failed", "strict"), False)
-    return _planned(str(file), {**options, **flags, "assignments": (), "scatter": (), "out": out}, True)[:2]
+    options: dict[str, Any] = dict.fromkeys(("standard_error", "config", "rig", "record"))
+    options |= dict.fromkeys(("fresh", "adopt", "retry_failed", "strict"), False)
+    return _planned(str(file), {**options, "assignments": (), "scatter": (), "out": out}, True)[:2]
 
 
 class MapCommand(click.Command):
@@ -163,7 +183,7 @@ def draw_map(quantity: str, fail_fast: bool, yes: bool, share: str | None, **opt
     fix, lines = _values(options.pop("standard_error"), assigned), list[str]()
     how = options.pop("scheduler"), options.pop("workers")
     with warned(lines.append):
-        one, planned = maps.plan(quantities=quantity, fix=fix, **options)
+        one, planned = maps.plan(quantities=quantity, fix=fix, command=typed(*SHOWING), **options)
     execute(one, _shared(planned, share), how, fail_fast, yes, lines)
 
 

@@ -43,6 +43,22 @@ def estimated(study: str, planned: Plan) -> tuple[Plan, str]:
     return planned, re.sub(r"(?m)^(estimated time +).*$", lambda line: line[1] + text, repr(planned))
 
 
+def with_axes(study: Study, planned: Plan, text: str) -> str:
+    """A plan's report with the ends, the unit and the number of values of each parameter that varies."""
+    from studies import labels
+
+    sweep, lines = planned.sweep, list[str]()
+    for name, axis in {**sweep.grid.axes, **sweep.coords}.items():
+        if name not in study.parameters or axis.values.dtype.kind not in "iuf":
+            continue
+        unit, factor = labels.READABLE.get(axis.units, (axis.units, 1.0))
+        values = [f"{factor * value:.6g}" for value in sorted(axis.values.tolist())]  # draws are in no order
+        ends = " to ".join(dict.fromkeys([values[0], values[-1]]))
+        lines.append(f"  {name:<13} {f'{ends} {unit}'.rstrip()}, {len(values)} value{'s'[: len(values) - 1]}")
+    head, grid, rest = re.split(r"(?m)^(grid .*\n)", text, maxsplit=1)
+    return head + grid + "".join(f"{line}\n" for line in lines) + rest
+
+
 def execute(
     study: Study, planned: Plan, how: tuple[str | None, int | None], fail_fast: bool, yes: bool, lines: list[str]
 ) -> None:
@@ -57,7 +73,7 @@ def execute(
     if asking and isnan(planned.seconds):
         planned = planned.timed()
         text = repr(planned)
-    say(text, *lines)
+    say(with_axes(study, planned, text), *lines)
     # NaN, where no point gives an estimate, asks too.
     large = not planned.most_seconds <= ASK_SECONDS or (planned.todo and planned.bytes > ASK_BYTES)
     if asking and (large or planned.sweep.remark) and not click.confirm("Go ahead?", err=True):
@@ -82,15 +98,17 @@ def execute(
     except ClusterLostError as lost:
         tell(f"{lost}{last.stored(planned)}")
         sys.exit(3)
-    report(study, finished)
+    report(study, finished, planned.adopted)
 
 
-def report(study: Study, finished: RunResult) -> NoReturn:
+def report(study: Study, finished: RunResult, adopted: str = "") -> NoReturn:
     """Print the numbers of a finished run, and what differs, moved or failed; end with the exit code."""
     from studies import summary
 
     parts = [*summary.parts(study, finished.dataset)]
     show(summary.text(parts))
+    if adopted:
+        say(f"\nadopted: {adopted}")
     say("\nwritten: " + "\n         ".join(map(str, [finished.file, *finished.figures])))
     if any("differs" in [*part[1].get("deviation", ())] for part in parts if not isinstance(part, str)):
         say("why some differ: results/README.md, What differs from the paper, and why")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 
 try:
+    from contextlib import suppress
     from io import TextIOWrapper
     from traceback import format_exception
     from typing import NoReturn
@@ -25,6 +27,8 @@ except KeyboardInterrupt:
 # Exit codes of errors of our packages, by their names: those packages are slow to import.
 CODES = {"InputError": 2, "UnsolvedError": 2, "StoreError": 3, "ClusterLostError": 3, "SweepStoppedError": 1}
 INTERNAL = 70
+# Arguments with which a message begins, and that are options here.
+OPTIONS = r"(x|y|fix|quantity)(?= [\w,]+:)|(points|samples|seed|workers|tolerance)(?: =)"
 
 
 def main() -> NoReturn:
@@ -59,6 +63,38 @@ def _open_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
+def unfit() -> str:
+    """The installed libraries that are not those that fiv requires, in a line; "" if all are."""
+    from importlib.metadata import PackageNotFoundError, requires, version
+
+    lines, needed = list[str](), list[str]()
+    with suppress(PackageNotFoundError):  # a folder of sources on the path
+        needed = [each for each in requires("fiv") or () if "extra ==" not in each]
+    for each in needed:
+        name, limits = re.split(r"(?=[^\w.-])", each, maxsplit=1)
+        try:
+            here = version(name)
+        except PackageNotFoundError:
+            lines.append(f"{name} is missing")
+            continue
+        for sign, limit in re.findall(r"(>=|<)\s*([\w.]+)", limits):
+            found, bound = ([int(number) for number in re.findall(r"\d+", text)] for text in (here, limit))
+            if sign == ">=" and found < bound:
+                lines.append(f"{name} {here} is too old: fiv needs {limit} or newer")
+            elif sign == "<" and found >= bound:
+                lines.append(f"{name} {here} is too new: fiv needs one below {limit}")
+    return f"{'; '.join(lines)}; install into another environment" if lines else ""
+
+
+def in_options(text: str) -> str:
+    """A message with options in place of the arguments of Python that it names."""
+    text = re.sub(r"\b(fresh|strict|retry_failed|fail_fast)=True\b", lambda m: f"--{m[1].replace('_', '-')}", text)
+    text = re.sub(r"\b(out|adopt)=(?:\.{3}|(?=[\w'\"]))", r"--\1 ", text).replace("--out )", "--out)")
+    text = text.replace("with studies.run", "with fiv run")
+    text = re.sub(r"^x or y(?= ')", "--x or --y", text)
+    return re.sub(f"^(?:{OPTIONS})", lambda m: f"--{m[1] or m[2]}", text)
+
+
 def _code_of(problem: Exception) -> int:
     """Print what went wrong in one line, of a fault of our own with its traceback; its exit code."""
     names = {kind.__name__ for kind in type(problem).__mro__ if kind.__module__.startswith(("fivcore", "sweeps"))}
@@ -76,7 +112,11 @@ def _code_of(problem: Exception) -> int:
         code, text = 2, "something is nested too deeply; -v shows where"
     elif isinstance(problem, OSError) and code == INTERNAL and problem.filename is not None:
         code, text = 3, f"{problem.filename}: {problem.strerror}"
-    elif code == INTERNAL:
+    elif code == INTERNAL and (wrong := unfit()):
+        code, text = 2, wrong
+    elif code != INTERNAL:
+        text = in_options(text)
+    else:
         text = f"internal error: {type(problem).__name__}; please report it with the lines above"
     if code == INTERNAL or (FLAGS["verbose"] and not isinstance(problem, click.ClickException)):
         show("".join(format_exception(problem)).rstrip("\n"), err=True)

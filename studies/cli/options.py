@@ -45,9 +45,11 @@ DRAWS = (
     option("--samples", type=int, metavar="N", help="Number of draws; default: 1024. More are added to those."),
     option("--seed", type=int, metavar="N", help="Seed of the draws; default: 0."),
 )
+ADOPT = "After a change of code, keep stored results if N of their points, computed again, agree."
 STORED = (
     OUT,
     option("--fresh", is_flag=True, help="Start over, whatever the results folder holds of it."),
+    option("--adopt", type=click.IntRange(min=1), metavar="N", help=ADOPT),
     option("--retry-failed", is_flag=True, help="Compute failed points again."),
     option("--strict", is_flag=True, help="Refuse unusual values, and points of other versions and processors."),
 )
@@ -63,7 +65,7 @@ POINTS = (
     option("--sampling", metavar="METHOD", help="sobol (the default), latin or random."),
     option("--points", metavar="FILE.csv", help="Rows to compute; heads are parameters, like p1_thickness [mm]."),
     option("--record", metavar="NAME,...", help="Record time series, for example velocity_B,normal_force."),
-    option("--sample-rate", type=float, metavar="HZ", help="Sampling rate of recorded series."),
+    option("--sample-rate", metavar="HZ", help="Sampling rate of recorded series: 20e3 or 20kHz."),
     ERROR,
     *STORED,
 )

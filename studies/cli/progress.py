@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -43,15 +43,17 @@ def described(snapshot: Snapshot) -> list[str]:
 
 
 def announce_compiling() -> None:
-    """Print a line when the first kernel is compiled, which only the first run of an installation does."""
-    from numba.core import event
+    """Print a line when the first kernel is compiled: in the first run of an installation that can keep it."""
+    from numba.core import caching, event
 
     class Compiling(event.Listener):
         announced = False
 
-        def on_start(self, happening: object) -> None:
+        def on_start(self, happening: Any) -> None:
             if not self.announced:
-                tell(f"compiling, once for this installation: {COMPILING}")
+                kept = not isinstance(happening.data["dispatcher"]._cache, caching.NullCache)
+                every = "in every run, for no folder keeps what is compiled (NUMBA_CACHE_DIR can name one)"
+                tell(f"compiling, {'once for this installation' if kept else every}: {COMPILING}")
             self.announced = True
 
         def on_end(self, happening: object) -> None: ...

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 # Hz; below this share of the largest product of its gaps' weights a mode couples them by rounding.
 MOST, GRAM, SLOW, COUPLED = 40, 1e-3, 5e3, 1e-9
 FILE = click.argument("file", metavar="FILE.toml")
-FMAX = click.option("--fmax", type=float, default=10e3, show_default=True, help="Band of onsets and figure, Hz.")
+FMAX = click.option("--fmax", default="10kHz", show_default=True, help="Band of onsets and figure.")
 MU = click.option("--mu", type=float, default=1.0, show_default=True, help="Largest coefficient of friction.")
 
 
 @command("structure", "What was read of an own structure, with a figure.", FILE, OUT, FMAX, MU)
-def structure(file: str, out: str | None, fmax: float, mu: float) -> None:
+def structure(file: str, out: str | None, fmax: str, mu: float) -> None:
     """Modes, contact, preload, damping and flutter onsets of a structure of one's own, and its receptances.
 
     \b
@@ -41,7 +41,8 @@ def structure(file: str, out: str | None, fmax: float, mu: float) -> None:
     `damping` (a file), `damping_ratio`, `d1`, `d2`, `fmax`. Rows are named "node N, DIRECTION" by `nodes` or
     `dofs_per_node`, or by their number from 0.
 
-    From Nastran, with pyNastran; the punch file (EXTRN) lists node and direction of the rows, for rows.txt:
+    From Nastran, with pyNastran in another environment, for it needs an older NumPy; the punch file (EXTRN) lists
+    node and direction of the rows, for rows.txt:
 
     \b
     M, K = (csr_array(read_op4("bulk.op4")[name].data) for name in ("MAA", "KAA"))
@@ -49,7 +50,8 @@ def structure(file: str, out: str | None, fmax: float, mu: float) -> None:
     mmwrite("M.mtx", M[kept][:, kept])
     mmwrite("K.mtx", K[kept][:, kept])
 
-    From Ansys Mechanical APDL, with ansys-mapdl-reader, which gives the upper triangles:
+    From Ansys Mechanical APDL, with ansys-mapdl-reader, also in another environment, which gives the upper
+    triangles:
 
     \b
     rows, K, M = reader.read_binary("model.full").load_km(sort=False)
@@ -59,24 +61,26 @@ def structure(file: str, out: str | None, fmax: float, mu: float) -> None:
     np.savetxt("rows.txt", rows[free] + [0, 1], "%d")
     """  # noqa: D301 - the backspace tells click to keep the lines
     from fivcore import Structure, checks, flutter_onsets
+    from studies import spec
     from studies.plotting import figures, receptances
     from studies.request import structure_of
     from studies.results import results_folder
     from studies.runner import written
 
-    fmax, mu = checks.band(fmax), checks.between("--mu", mu, 1e-6, 1e3, "a coefficient of friction")
+    band = checks.band(spec.one(fmax, "fmax", "Hz"))
+    mu = checks.between("--mu", mu, 1e-6, 1e3, "a coefficient of friction")
     own: Any = Structure.from_dict(structure_of(file))
     show("\n".join(described(own)))
     onsets = None
     try:
-        onsets = flutter_onsets(own, 0.0, fmax, mu)
-        show("\n".join(_onsets(onsets, fmax, mu)))
+        onsets = flutter_onsets(own, 0.0, band, mu)
+        show("\n".join(_onsets(onsets, band, mu)))
     except ArithmeticError as problem:
         show(f"flutter onsets: they could not be computed: {problem}")
     show("\n".join(hints(own)), end="\n" if any(hints(own)) else "")
     target = results_folder(out) / "structure" / f"{Path(file).stem}.png"
     with figures.style(), written(target) as temporary:
-        temporary.write_bytes(figures.saved(receptances.draw(own, fmax, mu, onsets), "png", own.digest))
+        temporary.write_bytes(figures.saved(receptances.draw(own, band, mu, onsets), "png", own.digest))
     say(f"\nwritten: {target}")
 
 

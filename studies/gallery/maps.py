@@ -108,32 +108,35 @@ def probability(rig: Rig, theta: Any, mu: Any, samples: int, seed: int, distribu
 def plan(
     x: str, y: str | None = None, quantities: str | Sequence[str] = "growth_rate",
     fix: Mapping[str, Any] | None = None, refine: int = 0, tolerance: float | None = None, out: Any = None, *,
-    samples: int | None = None, seed: int | None = None, strict: bool = False, rig: Any = None, **how: bool,
+    samples: int | None = None, seed: int | None = None, strict: bool = False, rig: Any = None, command: str = "",
+    **how: Any,
 ) -> tuple[Study, Plan]:  # fmt: skip
     """The study and the plan of a map, with its file in the results folder.
 
     `x` and `y` are NAME=SPEC, `fix` has values of other parameters and distributions. With `refine` intervals are
     halved so often where the first quantity changes, or where interpolation is off by `tolerance` of its range.
-    `rig` is a structure or its file (`request.structure_of`), in place of the beams.
+    `rig` is a structure or its file (`request.structure_of`), in place of the beams; `command` as in a `Request`.
     """
     names = [name.strip() for name in quantities.split(",")] if isinstance(quantities, str) else list(quantities)
     groups = dict.fromkeys(map(quantity_group, names))
     if len(groups) > 1:
-        raise InputError(f"--quantity {','.join(names)}: {' and '.join(groups)} are groups; a map has one of them")
-    study, sides = STUDIES[next(iter(groups))], dict(assignment(side, "--x or --y") for side in (x, y) if side)
+        raise InputError(
+            f"quantity {','.join(names)}: {' and '.join(groups)} need different computations; draw two maps"
+        )
+    study, sides = STUDIES[next(iter(groups))], dict(assignment(side, "x or y") for side in (x, y) if side)
     fixed = dict(fix or {}) | {k: v for k, v in (("samples", samples), ("seed", seed)) if v is not None}
-    for option, name in [*zip(("--x", "--y"), sides, strict=False), *(("--fix", name) for name in fixed)]:
+    for option, name in [*zip(("x", "y"), sides, strict=False), *(("fix", name) for name in fixed)]:
         if name not in study.parameters:
             near = f"{suggest(name, known := study.known(rig))}choose from {', '.join(known)}"
             raise InputError(f"{option} {name}: {names[0]} does not depend on it; {near}")
-        if (y and len(sides) < 2) or (option == "--fix" and name in sides):
+        if (y and len(sides) < 2) or (option == "fix" and name in sides):
             raise InputError(f"{option} {name}: it varies already; give it once")
     check_counts({name: (spec.count(text) - 1) * 2**refine + 1 for name, text in sides.items()})
     values = Request(study.name, fixed | sides).values_of(study)
     default = {name: parameter.default for name, parameter in study.parameters.items()}
     for name in fixed:
         if np.size(values[name]) > 1 or (hasattr(values[name], "ppf") and "samples" not in default):
-            raise InputError(f"--fix {name}: it must have one value; what varies is --x or --y")
+            raise InputError(f"fix {name}: it must have one value; what varies is x or y")
     numbers = {name: np.ravel(value)[0] for name, value in (default | values).items() if name not in sides}
     changed = [f"{n}{spec.typed(getattr(v, 'text', v))}" for n, v in sorted(numbers.items()) if v != default[n]]
     if "samples" in numbers and not any(hasattr(value, "ppf") for value in values.values()):
@@ -145,10 +148,11 @@ def plan(
     plain = {name: value for name, value in values.items() if not hasattr(value, "ppf")}
     # A file is written again where its title changes: then it has this request, which is drawn.
     title, request = f"{', '.join(names)} over {', '.join(sides)}", {"x": next(iter(sides)), "quantities": names}
+    request |= {"command": command} if command else {}
     remark = warn_unusual(unusual(plain, plain), strict=strict)
     sweep = replace(sweep, title=title, request={**sweep.request, **request}, remark=remark)
     if tolerance is not None and (whole or not refine):
-        raise InputError(f"tolerance = {tolerance:g}: it is for numbers, with --refine N; leave it out")
+        raise InputError(f"tolerance = {tolerance:g}: it is for numbers, with refine; leave it out")
     if refine:
         limit = checks.between("tolerance", 0.02 if tolerance is None else tolerance, 1e-12, 1e12, "of the range")
         thresholds = tuple(value for name, value in THRESHOLDS.items() if name == names[0])
@@ -165,7 +169,7 @@ def quantity_group(name: str) -> str:
     """The group of a quantity; an `InputError` suggests the nearest."""
     if name not in QUANTITIES:
         main = ", ".join(each for each in QUANTITIES if not each.endswith(("_se", "_std")))
-        raise InputError(f"--quantity {name}: there is none; {suggest(name, QUANTITIES)}choose from {main}")
+        raise InputError(f"quantity {name}: there is none; {suggest(name, QUANTITIES)}choose from {main}")
     return QUANTITIES[name]
 
 

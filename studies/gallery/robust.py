@@ -73,7 +73,9 @@ def check(mu: Any, samples: int, sobol_samples: int, seed: int, **others: Any) -
     checks.number("sobol_samples", sobol_samples, "a power of 2", lambda n: n in [1 << k for k in range(15)])
     for name in others.get("distributions", ()):
         if name not in USUAL:
-            raise InputError(f"--scatter {name}: it is an axis of study robust; leave it out, or use fiv map")
+            raise InputError(
+                f"{name}: it is an axis of study robust, without a distribution; leave it out, or draw a map"
+            )
 
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:

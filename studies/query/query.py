@@ -192,7 +192,7 @@ class _Result:
                 part = part.isel({dim: np.flatnonzero(chosen) for dim in line.sizes})
         if (count := math.prod(part.sizes.values())) > MOST_ROWS:
             dim = max(part.sizes, key=part.sizes.__getitem__)
-            advice = f"select along {dim}, like --where '{dim} == {part[dim].values[0]}', or --show less"
+            advice = f"select along {dim}, like '{dim} == {part[dim].values[0]}', or show less"
             raise InputError(f"{count} rows are more than {MOST_ROWS}: {advice}")
         return self.frame(part)
 

@@ -52,10 +52,10 @@ def parse(text: str, argument: str, units: Mapping[Any, str]) -> ast.expr:
             if name in units:
                 value = f"{convert(float(number), unit, units[name], name):g}"
                 advice = f"{name} is in {units[name].replace(' s-1', '/s')}: write {name} {sign} {value}"
-                raise InputError(f"{start}: units cannot stand in --where; {advice}") from None
+                raise InputError(f"{start}: units cannot stand in a condition; {advice}") from None
         alone = re.search(r"[^=!<>]=(?!=)", text)
         why = "to compare is ==" if alone else getattr(problem, "msg", "it cannot be read")
-        why = "units cannot stand in --where" if _QUANTITY.search(text) else why
+        why = "units cannot stand in a condition" if _QUANTITY.search(text) else why
         if re.search(r"\s(asc|desc)\w*$", text, re.IGNORECASE):
             why = "a minus before the name sorts descending"
         raise InputError(f"{start}: {why}; {GRAMMAR}") from None

@@ -134,12 +134,24 @@ def page(sections: Sequence[Section], broken: Sequence[str]) -> str:
         newest=date(max(result.stamp for result, _ in sections)),
         broken=broken,
         rig=Markup((HERE / "rig.svg").read_text("utf-8")),
+        friction=friction(sections),
         symbols=Markup(summary.html(symbols())),
         library=packed(datatables("js")),
         styles=[Markup(datatables("css")), Markup(style)],
         script=Markup(script),
         digest=b64encode(sha256(script.encode()).digest()).decode(),
     )
+
+
+def friction(sections: Sequence[Section]) -> str:
+    """What the results of the page say of friction."""
+    falls = [
+        result.name
+        for result, _ in sections
+        if "kinetic_ratio" in result.dataset and bool((result.dataset["kinetic_ratio"] < 1.0).any())
+    ]
+    law = "Friction is Coulomb's with one constant coefficient μ, the same in stick and in slip and at every speed"
+    return f"{law}; but it falls with the speed in {', '.join(falls)}." if falls else f"{law}."
 
 
 def datatables(kind: str) -> str:

@@ -115,8 +115,18 @@ class Result:
             "computed": self.progress or date(self.stamp),
             "by": str(self.dataset.attrs.get("source", "unknown")),
             "file": str(self.file),
-            "again": results.command("run", self.study.name if self.is_reference else str(self.file)),
-        }
+        } | ({"again": self.again} if self.again else {})
+
+    @property
+    def again(self) -> str:
+        """The command that computes it: from its file if that can be, else as it was typed; "" if none was."""
+        configured, own = results.configuration(self.dataset), self.study.name not in registry.names()
+        # A file tells neither where the user's study is nor how a map is refined.
+        if own and (typed := configured.get("request", {}).get("command")):
+            return str(typed)
+        if (own and self.kind != "map") or "refinement" in configured:
+            return ""
+        return results.command("run", self.study.name if self.is_reference else str(self.file))
 
 
 def date(stamp: str) -> str:
@@ -142,11 +152,11 @@ def picture(png: bytes) -> str:
 
 
 def images(result: Result) -> list[bytes]:
-    """The figures of a result: those beside its file if they show its data, else drawn anew."""
+    """The figures of a result: those beside its file if this code drew them of its data, else drawn anew."""
     beside = [result.file.with_name(f"{result.name}{each}.png") for each in ("", "-series")]
     found = [path.read_bytes() for path in beside if path.is_file()]
-    digest = figures.data_digest(result.dataset) if found else ""
-    shown = [image for image in found if figures.shows(image, digest)]
+    digest = runner.picture_digest(result.study, result.dataset) if found else ""
+    shown = [image for image in found if digest and figures.shows(image, digest)]
     return shown or list(runner.image(result.study, result.dataset, "png").values())
 
 
@@ -172,8 +182,9 @@ def content(result: Result, tell: Tell) -> dict[str, Any]:
     def summarise() -> None:
         for part in summary.parts(study, dataset):
             made["parts"].append(part if isinstance(part, str) else (part[0], Markup(summary.html(part[1]))))
-        if study.summary is not None and study.is_usual(dataset):
-            made["finding"] = next((part for part in study.summary(dataset) if isinstance(part, str)), "")
+        shown = study.presented(dataset) if study.summary is not None else None
+        if study.summary is not None and shown is not None:
+            made["finding"] = next((part for part in study.summary(shown) if isinstance(part, str)), "")
 
     def tabulate() -> None:
         made["points"] = points(study, dataset, result.file)

@@ -1,8 +1,6 @@
 """Adoption: results of other code become those of the present code if computations that are repeated agree."""
 
-import math
 import secrets
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,47 +57,44 @@ def choose(adopt: Any, table: Table) -> Adoption:
 
 def confirm(adoption: Adoption, before: Table, after: Table) -> str:
     """Say how the repeated computations agree with the stored ones; a StoreError says which does not."""
-    skipped = set[str]()
-    for point in adoption.points.tolist():
-        skipped |= _compared(adoption, before, after, point)
-    found = 1.0 - math.prod([1.0 - SHARE] * len(adoption.points))
-    how = f"agree within {MOST_ERRORS:g} standard errors" if skipped else "agree in all bits"
-    line = f"{len(adoption.points)} of {adoption.stored} computations, repeated with other code, {how}"
+    differing = {name for point in adoption.points.tolist() for name in _compared(adoption, before, after, point)}
+    names, count = before.manifest.variables, len(adoption.points)
+    errors = {name + ERROR for name in names}
+    skipped = sorted(name for name in differing if name + ERROR not in names and name not in errors)
+    found = 1.0 if count == adoption.stored else 1.0 - (1.0 - SHARE) ** count
+    line = f"{count} of {adoption.stored} computations, repeated with other code, agree "
+    line += f"within {MOST_ERRORS:g} standard errors" if differing else "in all bits"
     line += f" (seed {adoption.seed}; a change at {100 * SHARE:g} % of the points would have been found"
     line += f" with a probability of {100.0 * found:.3g} %)"
-    return line + (f"; without a standard error, so not compared: {', '.join(sorted(skipped))}" if skipped else "")
+    return line + (f"; without a standard error, so not compared: {', '.join(skipped)}" if skipped else "")
 
 
-def _compared(adoption: Adoption, before: Table, after: Table, point: int) -> set[str]:
-    """The variables of a chaotic computation that cannot be compared; a StoreError for one that differs."""
+def _compared(adoption: Adoption, before: Table, after: Table, point: int) -> list[str]:
+    """The variables of a computation that differ, within their errors if they have one, else a StoreError."""
     place = ", ".join(f"{k} = {v[0]}" for k, v in before.manifest.grid.points(np.array([point])).items())
     refused = f"the results are not adopted, and nothing has changed: at {place}"
     if after.status[point] != DONE:
         raise StoreError(f"{refused} the computation fails now: {after.reasons()[point].error}")
     names, row = before.manifest.variables, slice(point, point + 1)
-    both = {name: [table.values(name, row)[0] for table in (before, after)] for name in names}
-    differ = [name for name, (a, b) in both.items() if not _equal(a, b)]
-    if not differ:
-        return set()
+    both = {name: [np.asarray(table.values(name, row)[0]) for table in (before, after)] for name in names}
+    differ = [name for name, (a, b) in both.items() if not _equal_entries(a, b).all()]
     # A run whose statistics differ, though within their errors, is chaotic: nothing of it has the same bits.
     errors = {name: both[name + ERROR] for name in differ if name + ERROR in names and not adoption.exact}
     for name in differ:
         a, b = both[name]
         if name in errors:
-            unit = np.hypot(*errors[name])
+            unit = np.hypot(*errors[name]) + np.finfo(float).tiny
             agree = bool(np.all((np.abs(a - b) <= MOST_ERRORS * unit) | (np.isnan(a) & np.isnan(b))))
         else:
             agree = bool(errors)
         if not agree:
+            at = tuple(np.argwhere(~_equal_entries(a, b))[0].tolist())
             far = f", {np.nanmax(np.abs(a - b) / unit):.3g} standard errors apart" if name in errors else ""
-            raise StoreError(f"{refused} {name} = {_short(a)} there, {_short(b)} with the present code{far}")
-    return {name for name in differ if name not in errors and name.removesuffix(ERROR) not in errors}
+            entry = f"{name}[{', '.join(map(str, at))}]" if at else name
+            values = f"{a[at].item()!r} there, {b[at].item()!r} with the present code"
+            raise StoreError(f"{refused} {entry} = {values}{far}")
+    return differ
 
 
-def _equal(a: NDArray[Any], b: NDArray[Any]) -> bool:
-    return np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
-
-
-def _short(values: NDArray[Any]) -> str:
-    texts: Sequence[str] = [repr(each) for each in np.ravel(values)[:3].tolist()]
-    return ", ".join(texts) + ", ..." * (np.size(values) > 3)
+def _equal_entries(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
+    return np.asarray((a == b) | ((a != a) & (b != b)))

@@ -150,8 +150,8 @@ def make_plan(
     sweep: Declaration, store: str | Path | None, *, fresh: bool, retry_failed: bool, strict: bool, adopt: Any
 ) -> dict[str, Any]:
     """The fields of the plan of a sweep; see `sweeps.Sweep.plan`."""
-    if store is None or (fresh and adopt):
-        if adopt:
+    if store is None or (fresh and adopt is not None):
+        if adopt is not None:
             raise InputError("adopt: it is for stored results; give their file, and leave fresh out")
         return _make_plan(sweep, None, fresh, retry_failed, strict, adopt)
     place = Store(store)
@@ -185,10 +185,10 @@ def _make_plan(
         if fresh:
             check_replaceable(place, sweep.name)
         else:
-            present = existing(place, sweep.name, own, code=not adopt) or present
+            present = existing(place, sweep.name, own, code=adopt is None) or present
             check_same_draws(place.file, present.grid, sweep.grid)
 
-    if (line := recompiled(present.attributes, own)) and not adopt:
+    if (line := recompiled(present.attributes, own)) and adopt is None:
         warnings.warn(f"{sweep.name}: {line}", MixedWarning, stacklevel=4)
     grid = present.grid.union(sweep.grid)
     check_size(grid)
@@ -209,7 +209,7 @@ def _make_plan(
         manifest = replace(manifest, fresh=before.fresh, token=token, earlier={**before.earlier, **earlier})
     selection = select(sweep, manifest, requested, present.sources, retry_failed)
     adopted = None
-    if adopt and present.sources and differences(json.loads(present.attributes["fingerprint"]), own):
+    if adopt is not None and present.sources and differences(json.loads(present.attributes["fingerprint"]), own):
         adopted = adoption.choose(adopt, Table(manifest, present.sources))
     file = None if place is None else place.file
     mixture(file or sweep.name, [*selection["environments"], environment(imported)], strict)

@@ -198,6 +198,10 @@ def test_a_result_is_made_again_bit_for_bit(here, options, tmp_path):
         )
         names = ("axes", "constants", "request")
         kept = [json.loads(data.attrs["configuration"]) for data in (one, other)]
+        assert [each["request"].pop("command").split()[:3] for each in kept] == [
+            ["fiv", "run", "fig5"],
+            ["fiv", "run", FILES[0]],
+        ]
         assert [kept[0].get(name) for name in names] == [kept[1].get(name) for name in names]
 
 

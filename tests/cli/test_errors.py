@@ -1,6 +1,8 @@
 """What is wrong input, what is a fault of our own, and what reaches the terminal."""
 
+import importlib.metadata
 import re
+import shlex
 import subprocess
 import sys
 
@@ -9,7 +11,7 @@ import pytest
 
 import sweeps
 from fivcore import InputError, UnsolvedError
-from studies.cli import output
+from studies.cli import main, output
 from studies.gallery import fig5
 from sweeps.compute.run import _Local
 
@@ -34,6 +36,12 @@ WRONG = [
     ("run fig5 --set mu=-0.2", "mu = -0.2: it must be a number from 0 to"),
     ("run fig5 --set mu", "--set 'mu': it must be NAME=VALUE, for example mu=0:0.5:101"),
     ("run fig5 --set p1_length=50 --strict", "p1_length = 50 m is unusual: 0.005 to 2 m is usual; mm without"),
+    ("plan scenes --set V=1e-3,2mm/s", "V = '1e-3,2mm/s': 1e-3 beside 2mm/s: write 1e-3mm/s, or 1e-3 m s-1; the"),
+    ("plan scenes --record velocity_B --sample-rate 20km", "sample_rate = '20km': km is a length"),
+    ("map --x theta --quantity growth_rate", "--x or --y 'theta': it must be NAME=VALUE"),
+    ("map --x theta=1:5:3 --quantity loud", "--quantity loud: there is none"),
+    ("map --x theta=1:5:3 --quantity growth_rate --fix nu=1", "--fix nu: growth_rate does not depend on it; did"),
+    ("report fig55", "no result 'fig55' in results, which has nothing; compute it with fiv run"),
     ("run scenes --set V=0", "V = 0: the drive must move; usual are 1e-07 to 0.5 m/s"),
     ("run scenes --set mu_static=0.3", "friction falls with the speed by kinetic_ratio"),
     ("run scenes --set intial=slip", "scenes has no such parameter; it has V, theta, mu"),
@@ -42,7 +50,7 @@ WRONG = [
         "plan scenes --record velocity",
         "record = 'velocity': no such series; did you mean velocity_B or slip_velocity?",
     ),
-    ("plan fig5 --samples 4", "--samples 4: it is for draws; give a distribution with --scatter"),
+    ("plan fig5 --samples 4", "--samples 4: it is for draws; give a distribution, mu=normal"),
     ("plan fig5 --scatter mu=0.2", "--scatter 'mu=0.2': it must be NAME=DIST, for example"),
     ("plan fig5 --points semi.csv", "its columns are separated by ';'; separate them by commas"),
     ("plan fig5 --points cell.csv", "row 2, column theta: 'x' must be a finite number"),
@@ -182,3 +190,44 @@ def test_no_text_of_a_file_or_an_argument_reaches_a_terminal_as_it_is(here, own,
     assert HOSTILE in here(*query).stdout
     monkeypatch.setattr(type(sys.stdout), "isatty", lambda self: True)
     assert HOSTILE not in here(*query).stdout
+
+
+def test_a_refused_folder_comes_with_a_command_that_works(here):
+    assert here("run", "fig5", "--set", "mu=0.1,0.2", "-q").returncode == 0
+    done = here("run", "fig5", "--set", "mu=0.1,0.2", "--set", "p1_length=60mm")
+    offered = done.stderr.rstrip().partition("; for example: fiv ")[2]
+    assert (done.returncode, offered.endswith("--out mu-0.1,0.2-p1_length-60mm")) == (3, True)
+    assert here(*shlex.split(offered)).returncode == 0
+    assert "for example" not in here("run", "fig5", "--set", "theta=8", "--out", "results").stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "options"),
+    [
+        (
+            "another folder (out=...), or start over (fresh=True)",
+            "another folder (--out), or start over (--fresh)",
+        ),
+        ("retry_failed=True computes them; adopt=3 keeps", "--retry-failed computes them; --adopt 3 keeps"),
+        ("samples = 4: it is for draws", "--samples 4: it is for draws"),
+        ("points: row 2: theta", "points: row 2: theta"),
+        ("x = 'a': it must be finite", "x = 'a': it must be finite"),
+    ],
+)
+def test_arguments_in_a_message_are_options_here(text, options):
+    assert main.in_options(text) == options
+
+
+def test_libraries_that_do_not_fit_are_named_where_something_breaks(here, monkeypatch):
+    versions = {"numpy": "1.26.4", "numba": "0.70.1"}
+    true = importlib.metadata.version
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: versions.get(name) or true(name))
+    monkeypatch.setattr(type(fig5.STUDY), "sweep", fails(ImportError("numpy.core")))
+    done = here("plan", "fig5")
+    found = "numpy 1.26.4 is too old: fiv needs 2.2 or newer; numba 0.70.1 is too new: fiv needs one below 0.69"
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (
+        2,
+        f"fiv: {found}; install into another environment",
+    )
+    monkeypatch.undo()
+    assert main.unfit() == ""

@@ -162,10 +162,15 @@ def test_plain_lines_report_progress_where_there_is_no_terminal(here, own, monke
     assert re.search(r"^fiv: \d+ of 18 done, [\d.]+ a second, .* left; now x = \d", done.stderr, re.MULTILINE)
 
 
-def test_compiling_is_announced_once(here, own):
-    kernels = "    import numba\n    [numba.njit(lambda x: x + k)(1.0) for k in range(2)]\n    return {"
+@pytest.mark.parametrize(
+    ("options", "often"), [("", "in every run, for no folder"), ("cache=True", "once for this")]
+)
+def test_compiling_is_announced_once_and_how_often_it_happens(here, own, options, often):
+    kernels = (
+        f"    import numba\n    [numba.njit({options})(lambda x: x + k)(1.0) for k in range(2)]\n    return {{"
+    )
     own.write_text(own.read_text().replace("    return {", kernels))
-    assert here("run", "own.py").stderr.count("fiv: compiling, once for this installation: up to 20 s\n") == 1
+    assert here("run", "own.py").stderr.count(f"fiv: compiling, {often}") == 1
 
 
 def test_a_shell_completes_commands_options_and_studies(tmp_path):

@@ -82,6 +82,19 @@ def test_a_request_and_a_structure_together_and_another_structure(here, pin, tmp
         assert studies.run("scenes", rig=rig, V=0.01, mu=[0.2, 0.4], F=9).sizes["mu"] == 2
 
 
+def test_a_cut_off_for_the_beams_is_not_for_a_structure(here, pin, tmp_path):
+    """Modes that act by their static compliance are far above all others; sticks are computed at 585 kHz."""
+    n = 24
+    chain = 1e7 * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    rows = {"normal": {n - 1: 1.0}, "tangential": {n - 2: 1.0}, "load": {n - 1: -1.0}}
+    own = Structure.from_matrices(0.01 * np.eye(n), chain, **rows, damping_ratio=0.01, fmax=3e3)
+    assert own.static
+    values = {"V": 0.2, "F": 500.0, "mu": 0.3, "member": 1, "max_duration": 0.2, "min_duration": 0.05}
+    data = studies.run("stick_time", rig=own, **values)
+    assert (data["status"] == 1).all()
+    assert np.isnan(data["cutoff"])
+
+
 def test_maps_and_stability_of_a_structure(here, pin):
     done = here("run", "fig5", "--rig", "pin.toml", "--set", "mu=0:0.5:11", "-q")
     assert done.returncode == 0

@@ -51,6 +51,18 @@ def test_imports_point_one_way():
     assert not [module for module in outside if module.startswith("sweeps.")]
 
 
+def test_the_engine_imports_no_private_names():
+    """Neither of its own modules nor of libraries, within which they may change."""
+    taken = {
+        f"{name}: {module} {one}"
+        for name, each in imports("sweeps").items()
+        for module, names in each
+        for one in (*module.split("."), *names)
+        if re.match(r"_(?!_)", one)
+    }
+    assert taken == set()
+
+
 def module_imports(package: str) -> dict[str, set[str]]:
     """The modules of a package that each of its modules imports."""
     modules, graph = imports(package), {}

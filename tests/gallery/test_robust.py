@@ -71,8 +71,8 @@ def test_another_nominal_rig_has_a_summary():
     [
         ({"sobol_samples": 12}, "sobol_samples = 12: it must be a power of 2"),
         ({"samples": 0}, "samples = 0.*: it must be"),
-        ({"theta": parse("normal:5:1", "theta")}, "--scatter theta: it is an axis of study robust"),
-        ({"point_b": parse("normal:0.5:0.1", "point_b")}, "--scatter point_b: stability does not depend on it"),
+        ({"theta": parse("normal:5:1", "theta")}, "theta: it is an axis of study robust, without"),
+        ({"point_b": parse("normal:0.5:0.1", "point_b")}, "point_b: stability does not depend on it"),
     ],
 )
 def test_what_cannot_be_is_refused(values, message):

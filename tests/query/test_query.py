@@ -137,9 +137,7 @@ def test_only_what_is_named_is_read_and_too_much_is_refused(tmp_path, monkeypatc
     monkeypatch.setattr(query, "MOST_ROWS", 4)
     assert places(select(DATA, "size > 0.5 and a == 2", "a,b")) == [10, 11]
     for where, count in (("size > 0.5 and b == 1", 5), ("a == 2 or b == 1", 20)):
-        with pytest.raises(
-            InputError, match=f"^{count} rows are more than 4: select along a, like --where 'a == 0.0'"
-        ):
+        with pytest.raises(InputError, match=f"^{count} rows are more than 4: select along a, like 'a == 0.0'"):
             select(DATA, where)
 
 

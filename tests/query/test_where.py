@@ -89,9 +89,9 @@ REFUSED = {
     "drive > 1": "no such column; did you mean a (speed of the drive)?",
     "kind == calm": "where = 'calm': no such column; to compare with the word, write 'calm' in quotes",
     "zzz == 1": "no such column; it has a, b, name,",
-    "a == 2mm/s and b > 0": "units cannot stand in --where; a is in m/s: write a == 0.002",
+    "a == 2mm/s and b > 0": "units cannot stand in a condition; a is in m/s: write a == 0.002",
     "a == 2kg": "kg is a mass; a is a speed",
-    "share == 2kg": "units cannot stand in --where; it may have",
+    "share == 2kg": "units cannot stand in a condition; it may have",
     "a == 2 and b = 3": "to compare is ==",
 }
 

@@ -7,9 +7,12 @@ import json
 import re
 import shlex
 import shutil
+import sys
 import time
 from base64 import b64decode
 from collections import defaultdict
+from dataclasses import replace
+from functools import partial
 from html import unescape
 from itertools import pairwise
 from pathlib import Path
@@ -19,12 +22,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from studies import registry, runner
-from studies.plotting import figures
+from studies import registry, results, runner
+from studies.plotting import figures, general
 from studies.report import page, section, watch
 from studies.request import Request, assignment
 from studies.study import Parameter, Study
-from sweeps import Axis, InputError, open_results
+from sweeps import Axis, InputError, Variable, open_results
 from tests import HOME
 from tests.helpers import browser
 
@@ -64,6 +67,7 @@ def folder(tmp_path_factory):
         planned(fig5, folder / "fig5" / "fig5.nc", mu="0:0.5:11", theta="3:12:4", p1_length="60mm").run("sync")
         theirs = folder / "reference" / "fig5" / "fig5.nc"
         planned(fig5, theirs, mu="0:0.5:11").run("sync")
+        (folder / "reference" / "rig.svg").touch()
         for file in (folder / "reference" / "fig6" / "fig6.nc", folder / "bad" / "bad.nc"):
             file.parent.mkdir()
             shutil.copy(theirs, file)
@@ -167,18 +171,91 @@ def test_every_result_with_a_numeric_parameter_and_another_dimension_has_a_map(d
     assert [found["dims"][dim] for dim in found["plane"]] == ["x", "direction"]
 
 
-def test_a_figure_beside_the_file_is_drawn_again_only_for_other_data(folder, monkeypatch):
+def test_a_figure_beside_the_file_is_drawn_again_only_for_other_data_or_code(folder, monkeypatch):
     file = folder / "fig5" / "fig5.nc"
     result = section.Result(registry.load("fig5"), open_results(file), file, None)
     monkeypatch.setattr(runner, "image", lambda *_: {"": b"drawn"})
     assert section.images(result) == [b"drawn"]
-    digest = figures.data_digest(result.dataset)
+    digest = runner.picture_digest(result.study, result.dataset)
+    other = replace(result, study=replace(result.study, figure=general.draw_regimes))
+    uncompared = replace(result, study=replace(result.study, figure=partial(len, object())))
     with monkeypatch.context() as patch:
         patch.setattr(figures, "shows", lambda image, of: (image, of) == (b"stored", digest))
         file.with_suffix(".png").write_bytes(b"stored")
-        assert section.images(result) == [b"stored"]
+        assert [section.images(each) for each in (result, other, uncompared)] == [
+            [b"stored"],
+            [b"drawn"],
+            [b"drawn"],
+        ]
     assert section.images(result) == [b"drawn"]
     file.with_suffix(".png").unlink()
+
+
+FIGURE = """
+from matplotlib.figure import Figure
+from studies.study import Parameter, Study
+
+def draw(data):
+    figure = Figure(figsize=(1, 1))
+    figure.text(0.1, 0.5, "white")
+    return figure
+
+def same(x):
+    return {"y": x}
+
+STUDY = Study("drawn", "Drawn", "", {"x": Parameter([1.0, 2.0])}, {"y": ("1", "y")}, same, figure=draw)
+"""
+
+
+@pytest.mark.usefixtures("forgetful")
+def test_the_page_shows_the_figure_of_the_code_that_is_there(tmp_path, here):
+    """And the commands that made the results of one's own study and of a refined map."""
+    (tmp_path / "drawn.py").write_text(FIGURE)
+    assert here("run", "drawn.py", "--set", "x=1,2,3", "-q").returncode == 0
+
+    def pictures():
+        registry._registered.clear()
+        sys.modules.pop("drawn")
+        assert here("report", "drawn.py").returncode == 0
+        return re.findall('data:image/webp;base64,([^"]+)', (tmp_path / "results" / "report.html").read_text())
+
+    white = pictures()
+    (tmp_path / "drawn.py").write_text(FIGURE.replace("white", "dark red"))
+    dark = pictures()
+    assert dark != white
+    assert len(dark) == len(white) == 1
+    # Each command as it was typed.
+    lattice = ("--x", "theta=2:8:3", "--y", "mu=0.1:0.3:3", "--quantity", "growth_rate", "--refine", "1")
+    assert here("map", *lattice, "-q").returncode == 0
+    assert here("report").returncode == 0
+    again = re.findall("<dt>again</dt><dd>([^<]+)</dd>", (tmp_path / "results" / "report.html").read_text())
+    assert again == ["fiv run drawn.py --set x=1,2,3", f"fiv map {shlex.join(lattice)}"]
+    for command in again:
+        done = here(*shlex.split(command)[1:])
+        assert (done.returncode, "to do           0" in done.stderr) == (0, True)
+
+
+@pytest.mark.parametrize(("ratio", "falls"), [(1.0, False), (0.8, True)])
+def test_friction_on_the_page_is_that_of_its_results(ratio, falls, tmp_path):
+    axes = {"mu": Parameter([0.1, 0.2]), "kinetic_ratio": Parameter(ratio)}
+    study = Study("law", "Law", "", axes, {"z": Variable("1", "", (), "int8", flags={1: "one"})}, one)
+    dataset = planned(study).run("sync")
+    text = page.friction([(section.Result(study, dataset, tmp_path / "law" / "law.nc", None), {})])
+    assert ("but it falls with the speed in law" in text) == falls
+    # A file returns the only value of an attribute as a scalar.
+    dataset["z"].attrs["flag_values"] = np.int8(1)
+    assert section.points(study, dataset, tmp_path / "law.nc")["columns"][1]["values"] == ["one", "one"]
+
+
+def one(mu):
+    return {"z": np.ones(len(mu), np.int8)}
+
+
+def test_results_in_a_folder_that_is_merely_called_like_the_reference_are_ones_own(tmp_path):
+    planned(OWN, tmp_path / "reference" / "own" / "own.nc", mu="0:0.5:2").run("sync")
+    assert not results.is_reference(tmp_path / "reference" / "own" / "own.nc")
+    (tmp_path / "reference" / "rig.svg").touch()
+    assert results.is_reference(tmp_path / "reference" / "own" / "own.nc")
 
 
 @pytest.fixture

@@ -134,13 +134,13 @@ def test_every_map_has_its_figure_and_nothing_is_clipped(case):
 @pytest.mark.parametrize(
     ("how", "message"),
     [
-        ({"quantities": "growth"}, "--quantity growth: there is none; did you mean growth_rate"),
-        ({"quantities": "loudness"}, "--quantity loudness: there is none; choose from growth_rate"),
-        ({"quantities": "regime,onset_mu"}, "motion and onset are groups"),
-        ({"x": "thata=0:10:3"}, "--x thata: growth_rate does not depend on it; did you mean theta"),
-        ({"quantities": "onset_mu"}, "--y mu: onset_mu does not depend on it"),
-        ({"fix": {"mu": 0.2}}, "--fix mu: it varies already"),
-        ({"fix": {"d1": "normal:50:1"}}, "--fix d1: it must have one value"),
+        ({"quantities": "growth"}, "quantity growth: there is none; did you mean growth_rate"),
+        ({"quantities": "loudness"}, "quantity loudness: there is none; choose from growth_rate"),
+        ({"quantities": "regime,onset_mu"}, "motion and onset need different computations"),
+        ({"x": "thata=0:10:3"}, "x thata: growth_rate does not depend on it; did you mean theta"),
+        ({"quantities": "onset_mu"}, "y mu: onset_mu does not depend on it"),
+        ({"fix": {"mu": 0.2}}, "fix mu: it varies already"),
+        ({"fix": {"d1": "normal:50:1"}}, "fix d1: it must have one value"),
     ],
 )
 def test_wrong_input_is_one_line_that_names_the_option(how, message):

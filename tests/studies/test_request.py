@@ -40,6 +40,9 @@ WORDS = Study(
         ("7.85 g/cm^3", "kg m-3", [7850.0]),
         ("20%", "1", [0.2]),
         ("0.1rad", "degree", [5.72957795130823]),
+        ("0.5,2mm/s", "m s-1", [5e-4, 2e-3]),
+        ("1e-3,2m/s", "m s-1", [1e-3, 2.0]),  # the unit changes nothing
+        ("1e-3,2e-3", "m s-1", [1e-3, 2e-3]),
     ],
 )
 def test_a_spec_is_the_values_one_would_type(text, units, values):
@@ -64,6 +67,9 @@ def test_a_spec_is_the_values_one_would_type(text, units, values):
         ("log:0:1:3", "m", "both ends of a log: range must be above 0"),
         ("1mm:2:4", "m", "write a unit at each value (the count has none), or once at the end for all"),
         ("1mm,2", "m", "write a unit at each value, or once at the end for all"),
+        ("1e-3,2mm/s", "m s-1", "1e-3 beside 2mm/s: write 1e-3mm/s, or 1e-3 m s-1;"),
+        ("log:1E-4:1e-2:30mm/s", "m s-1", "1E-4 beside 30mm/s: write 1E-4mm/s, or 1E-4 m s-1;"),
+        ("2e1,50%", "1", "2e1 beside 50%: write 2e1%, or 2e1;"),
         ("2mm", "m s-1", "mm is a length; x is a speed: 5mm/s or 5e-3"),
         ("5kg", "degree", "kg is a mass; x is an angle: 5deg or 5"),
         ("3x", "m", "x is no unit; write it like mm, mm/s or kg m-3"),
@@ -82,7 +88,7 @@ def test_refined_values_keep_those_of_fewer_levels():
         assert len(fine) == 2 * len(coarse) - 1
     np.testing.assert_allclose(spec.refined("log:1:100:2", "V", 1), [1.0, 10.0, 100.0])
     for text, levels in (("0:1:3", 30), ("1,1.0000000000000002", 1)):
-        with pytest.raises(InputError, match=f"it cannot be halved {levels} times; choose a smaller --refine"):
+        with pytest.raises(InputError, match=f"it cannot be halved {levels} times; choose a smaller refine"):
             spec.refined(text, "V", levels)
 
 
@@ -165,6 +171,13 @@ def test_a_file_is_the_request_that_it_writes(tmp_path):
     assert found.stored() == {
         "record": ["velocity_B"], "scatter": {"theta": "normal:5:1"}, "seed": 3, "sampling": "latin",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(("rate", "found"), [(2e4, 2e4), ("20kHz", 2e4), ("2e4", 2e4)])
+def test_a_sampling_rate_may_have_a_unit(rate, found):
+    assert Request(sample_rate=rate).points_of(WORDS)["sample_rate"] == found
+    with pytest.raises(InputError, match="sample_rate = '1,2kHz': it must be one value"):
+        Request(sample_rate="1,2kHz").points_of(WORDS)
 
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])

@@ -1,5 +1,7 @@
 """The declaration of a study: what its function gets, what a request may be, and what is refused."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,10 @@ from fivcore import Beam, Rig, flutter_onsets, sliding_modes
 from studies import claims, registry, results, runner, summary
 from studies.gallery import fig5
 from studies.study import Parameter, Study
-from sweeps import InputError, StoreError
+from sweeps import FAILED, InputError, StoreError, SweepStoppedError
+from tests import HOME
+
+EIGHT, REFERENCE = 1e-3 * np.arange(1.0, 9.0), HOME / "results" / "reference"
 
 
 @pytest.fixture(autouse=True)
@@ -55,6 +60,31 @@ def test_points_of_one_call_share_a_common_parameter_and_the_rig():
     assert sorted(set(seen)) == [(1.0, 3), (1.0, 4), (2.0, 3), (2.0, 4)]
     expected = data["head_mass"] * data["x"] + data["order"]
     np.testing.assert_array_equal(data["y"].transpose(*expected.dims), expected)
+
+
+@pytest.mark.parametrize(
+    ("function", "parameters"),
+    [
+        (lambda x: {"y": x[:1]}, {"x": Parameter(EIGHT)}),
+        (lambda scenes: {"y": [scenes[0].V]}, {"x": Parameter(1.0), "V": Parameter(EIGHT, "m s-1")}),
+        (lambda **rest: {"y": np.ravel(rest["x"])[:1]}, {"x": Parameter(EIGHT)}),
+    ],
+)
+def test_one_value_for_several_points_is_refused(function, parameters):
+    with pytest.raises(SweepStoppedError, match=r"1 value for \d points; return an array with one entry for each"):
+        run(study_of(function, parameters=parameters))
+    # Where calls of several common parameters are one batch, each says so.
+    common = study_of(function, parameters=parameters | {"order": Parameter([1, 2], "1", "order", common=True)})
+    data = run(common)
+    failed = data["status"] == FAILED
+    assert failed.any()
+    assert all(re.search(r"1 value for \d points", text) for text in data["error"].values[failed.values])
+
+
+def test_rows_that_agree_in_all_that_a_function_takes_have_its_one_value():
+    study = study_of(lambda rig: {"y": [rig.head_mass]}, parameters={"x": Parameter(1.0)})
+    rows = {"head_mass": [2.0, 2.0, 3.0], "x": [1.0, 2.0, 3.0]}
+    assert study.sweep({}, rows=rows).plan().run("sync")["y"].values.tolist() == [2.0, 2.0, 3.0]
 
 
 def test_scenes_are_built_and_only_the_guilty_group_fails():
@@ -206,3 +236,36 @@ def test_results_go_where_the_environment_says_and_a_home_folder_is_understood(t
     # A folder that is merely called like the reference is none.
     studies.run("table4", out=tmp_path / "reference")
     assert (tmp_path / "reference" / "table4" / "table4.nc").is_file()
+
+
+def test_messages_of_python_have_no_words_of_the_command_line():
+    lattice = ("theta=1:5:3", "mu=0.1:0.3:3")
+    attempts = [
+        lambda: studies.run("fig5", samples=4),
+        lambda: studies.run("fig5", points="absent.csv"),
+        lambda: studies.run("fig5", scheduler="tcp://127.0.0.1:9", workers=2),
+        lambda: studies.run("robust", theta="normal:5:1"),
+        lambda: studies.run("robust", point_b="normal:0.5:0.1"),
+        lambda: studies.run("fig5", out=REFERENCE),
+        lambda: studies.run("scenes", sample_rate="20km", record=["velocity_B"]),
+        lambda: studies.map("theta", None),
+        lambda: studies.map(*lattice, "loud"),
+        lambda: studies.map(*lattice, ["growth_rate", "onset_mu"]),
+        lambda: studies.map(*lattice, fix={"nu": 1.0}),
+        lambda: studies.map(*lattice, fix={"mu": 0.2}),
+        lambda: studies.map(*lattice, fix={"head_mass": "1,2"}),
+        lambda: studies.map(*lattice, tolerance=0.1),
+        lambda: studies.map(*lattice, refine=40),
+        lambda: studies.map(*lattice, fix={"p1_length": 50.0}, strict=True),
+        lambda: studies.open("regimes"),
+        lambda: studies.run("table4").fiv.query("mode == 2mm"),
+    ]
+    for attempt in attempts:
+        with pytest.raises(ValueError, match=r".") as refused:
+            attempt()
+        assert not re.search(r"--\w|\bfiv \w", str(refused.value)), refused.value
+
+
+@pytest.mark.parametrize("scheduler", [object(), "threads"])
+def test_a_scheduler_is_handed_to_the_plan_as_it_is(scheduler):
+    assert runner.backend(scheduler, 2) == (scheduler, 2)

@@ -55,7 +55,7 @@ def test_a_wrong_distribution_is_one_line_with_the_forms(text, problem):
     message = str(caught.value)
     assert message.startswith(f"mu = {text!r}: ")
     assert problem in message
-    assert message.endswith(uncertainty.FORMS)
+    assert message.endswith(f"{uncertainty.FORMS} | {uncertainty.SCIPYS}")
     assert "\n" not in message
 
 
@@ -64,7 +64,7 @@ def test_usual_distributions_are_about_the_numbers_of_the_rig_and_leave_out_zero
     assert "d1" not in texts
     assert texts["p1_length"] == "normal:0.06:0.00012"
     assert len(uncertainty.table(texts)) == len(texts) == len(uncertainty.USUAL) - 1
-    with pytest.raises(InputError, match=r"--scatter p1_lenght: .* did you mean p1_length\?"):
+    with pytest.raises(InputError, match=r"^p1_lenght: .* did you mean p1_length\?"):
         uncertainty.distributions({"p1_lenght": "normal:0.05:0.001"})
 
 
@@ -115,3 +115,35 @@ def test_a_pair_that_enters_the_band_unstable_counts_with_the_bands_end_as_its_f
     np.testing.assert_allclose(found, [[entry, np.nan], [10e3, np.nan]], rtol=1e-9)
     mu = entry * np.array([1.0 - 1e-6, 1.0 + 1e-6])
     np.testing.assert_array_equal(uncertainty.unstable_share(Rig(), numbers | {"theta": 8.0}, mu), [0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        (stats.norm(0.2, 0.02), "normal:0.2:0.02"),
+        (stats.norm(loc=0.2, scale=0.02), "normal:0.2:0.02"),
+        (stats.uniform(0.1, 0.2), "uniform:0.1:0.30000000000000004"),
+        (stats.truncnorm(-2.0, 2.0, loc=0.2, scale=0.02), "truncnorm:-2:2:0.2:0.02"),
+        (stats.lognorm(0.3, scale=0.2), "lognorm:0.3:0:0.2"),
+        (stats.gamma(4, 0.0, 0.05), "gamma:4:0:0.05"),
+    ],
+)
+def test_a_frozen_distribution_is_the_text_that_one_types(given, text):
+    assert uncertainty.text_of(given, "mu") == text
+    found = parse(text, "mu")
+    np.testing.assert_allclose(found.ppf(LEVELS[1:-1]), given.ppf(LEVELS[1:-1]), rtol=1e-12)
+    assert (found.text, uncertainty.text_of(found, "mu")) == (text, text)
+
+
+@pytest.mark.parametrize(
+    "given", [stats.poisson(3), stats.norm([1, 2], 1), stats.gaussian_kde([1.0, 2.0]), object()]
+)
+def test_what_is_no_frozen_distribution_is_refused(given):
+    with pytest.raises(InputError, match=r"^mu = .*: it must be a frozen distribution of scipy.stats, norm"):
+        uncertainty.text_of(given, "mu")
+
+
+@pytest.mark.parametrize("text", ["truncnorm:1:0:0.2:0.02", "gamma:-1:0:1", "norm:0:0", "norm:1mm:1"])
+def test_numbers_that_define_no_distribution_are_refused(text):
+    with pytest.raises(InputError, match=f"^mu = '{text}': "):
+        parse(text, "mu")

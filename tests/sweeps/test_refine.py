@@ -26,7 +26,7 @@ def test_a_map_of_classes_is_that_of_the_full_grid_and_mirrored_with_it(shape):
         np.testing.assert_array_equal(np.flip(mirrored, axis), computed)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.7, 1.5, 3.0, 6.0]), st.integers(2, 4), st.integers(1, 4))
 def test_only_islands_that_no_computed_point_has_met_are_missed(seed, width, classes, levels):
     truth = noise(seed, width, classes=classes)
@@ -40,10 +40,10 @@ def test_only_islands_that_no_computed_point_has_met_are_missed(seed, width, cla
         assert not np.any((wrong[1:] | wrong[:-1])[change])
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=2)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.booleans())
 def test_neither_order_nor_interruption_changes_the_choice(seed, order, whole):
-    truth = noise(seed, 2.0, 17) if whole else bumps(np.random.default_rng(seed))[:33, :33]
+    truth = noise(seed, 2.0, 17) if whole else bumps(np.random.default_rng(seed))[:17, :17]
     rule = CLASSES if whole else Rule(tolerance=0.02)
     _, expected, choice = explored(truth, 3, rule)
     computed, random = np.zeros(truth.shape, dtype=bool), np.random.default_rng(order)
@@ -54,9 +54,7 @@ def test_neither_order_nor_interruption_changes_the_choice(seed, order, whole):
     assert lattice.choose(truth, computed, 3, rule).levels == choice.levels
 
 
-@pytest.mark.parametrize(
-    "kind", [pytest.param(k, marks=pytest.mark.slow) if k not in ("smooth", "kinks") else k for k in ROUGH]
-)
+@pytest.mark.parametrize("kind", [pytest.param(k, marks=pytest.mark.slow) if k != "kinks" else k for k in ROUGH])
 def test_control_points_estimate_the_share_of_wrong_points(kind):
     outcomes = []
     for seed in range(8):

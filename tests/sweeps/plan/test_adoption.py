@@ -198,7 +198,7 @@ def test_the_sources_decide_where_another_python_has_compiled(stored, sources, c
             assert of(BEFORE).plan(stored).todo == 0
 
 
-@pytest.mark.parametrize("adopt", [-1, 1.5, True, "many", Adopt(0)])
+@pytest.mark.parametrize("adopt", [-1, 0, 1.5, True, "many", Adopt(0)])
 def test_a_wrong_number_is_refused(stored, adopt):
     with pytest.raises(
         InputError, match=r"^adopt = .*: it must be the number of points to compute again, 1 or above"
