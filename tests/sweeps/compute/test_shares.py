@@ -61,9 +61,7 @@ def test_what_is_missing_is_named_pending_and_merged_later(path):
     make(points=10).plan(path).share(1, 4).run()
     make(points=10).plan(path).share(3, 4).run()
     assert (status(path).state, status(path).done) == ("interrupted", 5)
-    with pytest.warns(
-        PendingWarning, match=r"powers: missing shares: 2, 4 of 4; 5 of 10 computations are p"
-    ):
+    with pytest.warns(PendingWarning, match=r"powers: missing shares: 2, 4 of 4; 5 of 10 computations are p"):
         data = make(points=10).plan(path).merge()
     np.testing.assert_array_equal(data["status"] == 0, np.arange(10) % 2)
     for k in (2, 4):
