@@ -3,6 +3,7 @@
 # mypy: disallow-untyped-calls=False, disallow-any-generics=False
 
 import logging
+import math
 import time
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, Future
@@ -96,29 +97,24 @@ class Cluster(Backend):
     window = 4  # one to work on, one that waits, two that travel
 
     def __init__(self, client: distributed.Client, payload: Payload) -> None:
-        super().__init__(client.get_executor(pure=False), 0, partial(_compute, payload.name))
+        super().__init__(client.get_executor(pure=False), 0, partial(_compute, payload.name), own=False)
         self.client, self.run = client, payload.name
-        self._seen = time.monotonic()
+        self._seen, self._counted = time.monotonic(), -math.inf
         self.check()
 
     def check(self) -> None:
-        """Count the workers; a ClusterLostError if there have been none for NO_WORKER_TIMEOUT."""
+        """Count the workers, now and then; a ClusterLostError if there have been none for NO_WORKER_TIMEOUT."""
+        if time.monotonic() - self._counted < POLL_INTERVAL:
+            return
         try:
-            self._workers = int(sum(self.client.nthreads().values()))
+            threads = int(sum(self.client.nthreads().values()))
         except Exception as problem:
             raise ClusterLostError(SCHEDULER_LOST) from problem
-        self._counted = time.monotonic()
-        if self._workers:
+        self._counted, self.workers = time.monotonic(), max(threads, 1)
+        if threads:
             self._seen = self._counted
         elif self._counted - self._seen > NO_WORKER_TIMEOUT:
             raise ClusterLostError("the cluster has no workers left")
-
-    @property
-    def workers(self) -> int:
-        """Number of threads of the present workers."""
-        if time.monotonic() - self._counted > POLL_INTERVAL:
-            self.check()
-        return max(self._workers, 1)
 
     def environments(self, libraries: tuple[str, ...]) -> list[dict[str, str]]:
         """Those of the present workers."""

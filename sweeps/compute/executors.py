@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent import futures
 from concurrent.futures import Executor, Future
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from multiprocessing import resource_tracker
@@ -61,26 +61,27 @@ def is_pool(scheduler: Any) -> bool:
     return isinstance(scheduler, Executor) or callable(scheduler)
 
 
-class Backend:
-    """Threads of this process, or this thread; what is different elsewhere is overridden."""
+class Backend(AbstractContextManager["Backend"]):
+    """An executor with so many `workers`, threads of this process; what differs elsewhere is overridden."""
 
     window = 2  # submitted batches for each worker at most: one to work on, one that waits
 
-    def __init__(self, executor: Executor, workers: int, compute: Compute) -> None:
-        self.executor, self._workers, self._compute = executor, workers, compute
+    def __init__(self, executor: Executor, workers: int, compute: Compute, *, own: bool = True) -> None:
+        self.executor, self.workers, self._compute, self.own = executor, workers, compute, own
         self._futures = set[Future[Any]]()
 
-    @property
-    def workers(self) -> int:
-        """Number of batches that are computed at a time."""
-        return self._workers
+    def __exit__(self, kind: type[BaseException] | None, *problem: Any) -> None:
+        """Shut down an executor that is our own; wait for threads, which cannot be ended, or give them up."""
+        self.halt()
+        if self.own:
+            self.executor.shutdown(wait=kind is None or not issubclass(kind, KeyboardInterrupt))
 
     def environments(self, libraries: tuple[str, ...]) -> list[dict[str, str]]:
         """Those in which workers compute, as far as they are known."""
         return [environment(libraries)]
 
     def check(self) -> None:
-        """Raise a ClusterLostError if there are no workers any more."""
+        """Count the workers; a ClusterLostError if there are none any more."""
 
     def submit(self, name: str, points: NDArray[np.intp]) -> Future[BatchSummary | None]:
         """Compute a batch, and store it as the part `name`."""
@@ -92,7 +93,7 @@ class Backend:
         return future
 
     def result(self, future: Future[Any]) -> Any:
-        """The summary of a finished batch; None or a CancelledError if it was not begun."""
+        """The summary of a finished batch; None or a CancelledError if it has not begun."""
         return future.result()
 
     def halt(self) -> None:
@@ -101,25 +102,13 @@ class Backend:
             future.cancel()
 
 
-@contextmanager
-def threads(scheduler: Any, workers: int, compute: Compute) -> Iterator[Backend]:
+def threads(scheduler: Any, workers: int, compute: Compute) -> Backend:
     """Threads of this process: new ones, or those of an executor; or this thread alone."""
     if isinstance(scheduler, Executor):
-        backend = Backend(scheduler, _size(scheduler), compute)
-    elif scheduler == "sync":
-        backend = Backend(SynchronousExecutor(), 1, compute)
-    else:
-        backend = Backend(futures.ThreadPoolExecutor(workers), workers, compute)
-    wait = True
-    try:
-        yield backend
-    except KeyboardInterrupt:
-        wait = False  # threads cannot be ended, but given up
-        raise
-    finally:
-        backend.halt()
-        if backend.executor is not scheduler:
-            backend.executor.shutdown(wait)
+        return Backend(scheduler, _size(scheduler), compute, own=False)
+    if scheduler == "sync":
+        return Backend(SynchronousExecutor(), 1, compute)
+    return Backend(futures.ThreadPoolExecutor(workers), workers, compute)
 
 
 class Processes(futures.ProcessPoolExecutor):
@@ -144,12 +133,13 @@ class Processes(futures.ProcessPoolExecutor):
 
 
 class Pool(Backend):
-    """Workers of any other executor; if they break, `make` gives new ones."""
+    """Workers of any other executor, or processes of this machine; what makes them replaces those that die."""
 
-    def __init__(self, make: Any, payload: "Payload") -> None:
-        self._make: Any = None if isinstance(make, Executor) else make
-        executor = make if self._make is None else self._made()
-        super().__init__(executor, _size(executor), payload.compute)
+    def __init__(self, scheduler: Any, workers: int, payload: "Payload") -> None:
+        own = not isinstance(scheduler, Executor)
+        self._make = partial(Processes, workers) if scheduler == "processes" else scheduler
+        executor = self._made() if own else scheduler
+        super().__init__(executor, _size(executor), payload.compute, own=own)
         self._payload, self.name = payload, type(executor).__name__
 
     def _made(self) -> Executor:
@@ -158,19 +148,19 @@ class Pool(Backend):
             raise SchedulerError(f"scheduler = {self._make!r}: it made {executor!r}; it must make an executor")
         return executor
 
-    def close(self, *, lost: bool) -> None:
-        """Give up what has not begun; of an executor that is our own, end the workers if all is lost."""
+    def __exit__(self, kind: type[BaseException] | None, *problem: Any) -> None:
+        """Shut down an executor that is our own, and end its workers if all is lost."""
         self.halt()
-        if self._make is not None:
-            for process in [*(getattr(self.executor, "_processes", None) or {}).values()] if lost else ():
+        if self.own:
+            for process in [*(getattr(self.executor, "_processes", None) or {}).values()] if kind else ():
                 process.kill()
-            self.executor.shutdown(wait=not lost)
+            self.executor.shutdown(wait=kind is None)
 
     def environments(self, libraries: tuple[str, ...]) -> list[dict[str, str]]:
         """That of one worker, which shows that they can compute this; those of the others come with batches."""
         try:
             return [self.result(self.executor.submit(self._payload.environment, libraries))]
-        except (WorkerDied, ClusterLostError, RuntimeError):
+        except (WorkerDied, RuntimeError):
             raise SchedulerError(f"{self.name} has no workers that live; {GUARD}") from None
 
     def submit(self, name: str, points: NDArray[np.intp]) -> Future[BatchSummary | None]:
@@ -178,9 +168,9 @@ class Pool(Backend):
         try:
             return super().submit(name, points)
         except RuntimeError:  # it is broken, or somebody has shut it down
-            if self._make is None:
+            if not self.own:
                 raise self._lost() from None
-            self.close(lost=True)
+            self.__exit__(WorkerDied)
             self.executor = self._made()
             return super().submit(name, points)
 
@@ -191,7 +181,7 @@ class Pool(Backend):
         except futures.CancelledError:
             raise
         except futures.BrokenExecutor:
-            raise WorkerDied if self._make is not None else self._lost() from None
+            raise WorkerDied if self.own else self._lost() from None
         except Exception as problem:  # noqa: BLE001 - workers may lack anything
             raise SchedulerError(f"the workers cannot compute this: {message(problem)}") from None
 
@@ -199,18 +189,6 @@ class Pool(Backend):
         kept = "the same run continues from what is stored; " * (self._payload.probe is not None)
         advice = "a function that makes such executors isolates the point that kills them"
         return ClusterLostError(f"{self.name} is broken, for a worker has died; {kept}{advice}")
-
-
-@contextmanager
-def pool(scheduler: Any, workers: int, payload: "Payload") -> Iterator[Pool]:
-    """The workers of an executor, or of those that a function makes; "processes" of this machine."""
-    backend = Pool(partial(Processes, workers) if scheduler == "processes" else scheduler, payload)
-    try:
-        yield backend
-    except BaseException:
-        backend.close(lost=True)
-        raise
-    backend.close(lost=False)
 
 
 def _size(executor: Any) -> int:

@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import replace
@@ -19,7 +19,7 @@ from dask.system import CPU_COUNT
 from numpy.typing import NDArray
 
 from sweeps import errors
-from sweeps.compute.executors import Backend, Payload, Points, check_backend, is_pool, pool, threads
+from sweeps.compute.executors import Backend, Payload, Points, Pool, check_backend, is_pool, threads
 from sweeps.errors import ClusterLostError, DamagedError, InputError, StoreError, SweepStoppedError, WorkerDied
 from sweeps.fingerprint.identity import steady
 from sweeps.fingerprint.provenance import Environment
@@ -48,7 +48,11 @@ def execute(
     if not (progress is None or isinstance(progress, bool) or callable(progress)):
         raise InputError(f"progress = {progress!r}: it must be True, False, None or a function of a Snapshot")
     report = _lines() if progress is True else progress or None
-    data, after = _execute(plan, scheduler, workers, report, fail_fast)
+
+    def compute(plan: PlanData, store: Store | None, fail_fast: bool = fail_fast) -> Table:
+        return _Run(plan, store, report, fail_fast).compute(scheduler, workers)
+
+    data, after = _execute(plan, compute)
     if line := _failures(data):
         warnings.warn(f"{plan.sweep.name}: {line}", errors.FailedPointsWarning, stacklevel=3)
     return data, after
@@ -86,24 +90,20 @@ def _failures(data: xr.Dataset) -> str:
     return f"{len(failed)} of {status.size} points failed, the first at {point}: {first}; data.status marks them"
 
 
-def _execute(
-    plan: PlanData, scheduler: Any, workers: int | None, progress: Progress | None, fail_fast: bool
-) -> tuple[xr.Dataset, PlanData]:
+def _execute(plan: PlanData, compute: Callable[..., Table]) -> tuple[xr.Dataset, PlanData]:
     if plan.store is None:
-        table = _Run(plan, None, progress, fail_fast).compute(scheduler, workers)
-        return declared(described(plan.manifest, assemble(table, lazy=False), plan.sweep.derive)), plan
+        data = assemble(compute(plan, None), lazy=False)
+        return declared(described(plan.manifest, data, plan.sweep.derive)), plan
     store = Store(plan.store) if plan.shared is None else Share(plan.store, *plan.shared)
     if not (plan.todo or plan.adoption):
-        return _finish(plan, store, scheduler, workers, progress, fail_fast)
+        return _finish(plan, store, compute)
     with steady(plan.sweep, ENGINE, plan.manifest.attributes["fingerprint"]):
         if plan.adoption is not None:
-            plan = _adopt(plan, store, plan.adoption, scheduler, workers, progress)
-        return _finish(plan, store, scheduler, workers, progress, fail_fast)
+            plan = _adopt(plan, store, plan.adoption, compute)
+        return _finish(plan, store, compute)
 
 
-def _adopt(
-    plan: PlanData, store: Store, chosen: Adoption, scheduler: Any, workers: int | None, progress: Progress | None
-) -> PlanData:
+def _adopt(plan: PlanData, store: Store, chosen: Adoption, compute: Callable[..., Table]) -> PlanData:
     """Repeat stored computations; if they agree, the file becomes one of the present code. Return the new plan."""
     due = np.zeros(plan.manifest.grid.size, dtype=bool)
     due[chosen.points] = True
@@ -112,7 +112,7 @@ def _adopt(
     before = Table(plan.manifest, [each for each in plan.sources if each.name not in plan.damaged])
     with locked(store):
         _check_version(plan, store)
-        line = confirm(chosen, before, _Run(trial, None, progress, False).compute(scheduler, workers))
+        line = confirm(chosen, before, compute(trial, None, fail_fast=False))
         remark = "; ".join(filter(None, [plan.sweep.remark, line]))
         manifest = replace(plan.manifest, attributes={**plan.manifest.attributes, "remark": remark})
         # What follows from all points follows when they are there.
@@ -131,14 +131,12 @@ def _check_version(plan: PlanData, store: Store) -> None:
         raise StoreError(f"{store.file} has changed since this was planned; plan again")
 
 
-def _finish(
-    plan: PlanData, store: Store, scheduler: Any, workers: int | None, progress: Progress | None, fail_fast: bool
-) -> tuple[xr.Dataset, PlanData]:
+def _finish(plan: PlanData, store: Store, compute: Callable[..., Table]) -> tuple[xr.Dataset, PlanData]:
     """Compute what is missing, write the file and read what is requested; return the plan as it is then."""
     with nullcontext() if plan.whole else locked(store):
         _check_version(plan, store)
         if not plan.whole:
-            table = _Run(plan, store, progress, fail_fast).compute(scheduler, workers)
+            table = compute(plan, store)
             if plan.shared is not None:
                 return declared(described(plan.manifest, assemble(table, lazy=True), None)), plan
             try:
@@ -229,7 +227,7 @@ class _Run:
 
     def _check_environments(self, environments: Sequence[Environment], *, strict: bool = True) -> None:
         if line := mixture(self.plan.store or self.plan.sweep.name, environments, strict and self.plan.strict):
-            warnings.warn(line, errors.MixedWarning, stacklevel=7 + (self.store is not None))
+            warnings.warn(line, errors.MixedWarning, stacklevel=8 + (self.store is not None))
 
     @contextmanager
     def _writing(self, store: Store) -> Iterator[None]:
@@ -272,10 +270,10 @@ class _Run:
         if scheduler in ("threads", "sync") or isinstance(scheduler, ThreadPoolExecutor):
             with threads(scheduler, workers, self._compute) as backend:
                 yield backend
-            return
+                return
         payload = Payload.of(self.plan.task, tuple(self.plan.sweep.code), self.writer)
         if scheduler == "processes" or is_pool(scheduler):
-            there: AbstractContextManager[Backend] = pool(scheduler, workers, payload)
+            there: AbstractContextManager[Backend] = Pool(scheduler, workers, payload)
         else:
             # Imported here: it is slow, and few runs need it.
             from sweeps.compute.cluster import cluster
@@ -319,6 +317,7 @@ class _Run:
 
     def _collect(self, executor: Backend, left: int) -> None:
         """Take the result of a finished batch; wait a moment if there is none."""
+        executor.check()
         future, self._waiting = None, True
         with suppress(Empty):
             future = self._done.get(timeout=TICK)
@@ -326,7 +325,6 @@ class _Run:
         if self.interrupts > 1:
             raise KeyboardInterrupt
         if future is None:
-            executor.check()
             return
         (name, points, alone), summary = self._submitted.pop(future), None
         try:
