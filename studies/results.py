@@ -91,7 +91,7 @@ def results_file(name: str | Path, out: str | Path | None = None) -> Path:
 def stored(out: str | Path | None = None) -> list[Path]:
     """Every result of a folder: studies by name, then maps; without the reference."""
     folder = results_folder(out)
-    parts = {path.with_suffix("") for path in folder.glob("*/*.nc.parts")}
+    parts = {path.with_name(f"{path.name.partition('.nc.')[0]}.nc") for path in folder.glob("*/*.nc.*parts")}
     files = {*folder.glob("*/*.nc"), *parts}
     return sorted(
         (file for file in files if not file.name.startswith(".")), key=lambda f: (f.parent.name == MAPS, f)

@@ -147,7 +147,7 @@ class Plan(PlanData):
         A `PendingWarning` names missing shares; their points are pending, and may be merged later.
         """
         plan, missing = merged(self, files)
-        data = plan.run()
+        data, _ = execute(plan, "sync", None, None, fail_fast=False)
         if missing:
             warnings.warn(f"{self.sweep.name}: {missing}", PendingWarning, stacklevel=2)
         return data

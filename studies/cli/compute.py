@@ -41,7 +41,7 @@ def plan(study: str, timed: bool, **points: Any) -> None:
 
 
 @command("run", "Compute a study, store it, draw it, print its numbers.", STUDY, *POINTS, *HOW)
-def run(study: str, fail_fast: bool, yes: bool, **points: Any) -> None:
+def run(study: str, fail_fast: bool, yes: bool, share: str | None, **points: Any) -> None:
     """Compute a study, store it as netCDF, draw its figure, and print its numbers beside the paper's.
 
     \b
@@ -58,7 +58,7 @@ def run(study: str, fail_fast: bool, yes: bool, **points: Any) -> None:
     announce_compiling()
     with _offering(points["assignments"], points["out"]):
         one, planned, request, lines = _planned(study, points, True)
-    execute(one, planned, (request.scheduler, request.workers), fail_fast, yes, lines)
+    execute(one, _shared(planned, share), (request.scheduler, request.workers), fail_fast, yes, lines)
 
 
 @contextmanager
@@ -131,6 +131,25 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
     return one, planned, wanted, lines
 
 
+def _shared(planned: Plan, share: str | None) -> Plan:
+    """One share of a plan, as `--share K/N` requests it."""
+    from sweeps import InputError
+
+    if share is None:
+        return planned
+    numbers = re.fullmatch(r"(\d+)/(\d+)", share)
+    if not numbers or not 1 <= int(numbers[1]) <= int(numbers[2]):
+        raise InputError(f"--share {share!r}: it must be K/N with K from 1 to N, for example 3/16")
+    return planned.share(int(numbers[1]), int(numbers[2]))
+
+
+def planned_again(file: Path, out: str | None) -> tuple[Study, Plan]:
+    """The study of a result, finished or not, and its plan in a results folder."""
+    options: dict[str, Any] = dict.fromkeys(("standard_error", "config", "rig", "record"))
+    options |= dict.fromkeys(("fresh", "adopt", "retry_failed", "strict"), False)
+    return _planned(str(file), {**options, "assignments": (), "scatter": (), "out": out}, True)[:2]
+
+
 class MapCommand(click.Command):
     """The command `map`, whose help ends with names that are slow to import."""
 
@@ -146,7 +165,7 @@ class MapCommand(click.Command):
 
 
 @command("map", "Quantities over two parameters, or along one, stored and drawn.", *MAP, *HOW, kind=MapCommand)
-def draw_map(quantity: str, fail_fast: bool, yes: bool, **options: Any) -> None:
+def draw_map(quantity: str, fail_fast: bool, yes: bool, share: str | None, **options: Any) -> None:
     """Map quantities over any two parameters, or along one; store all that is computed, and draw them.
 
     \b
@@ -165,7 +184,7 @@ def draw_map(quantity: str, fail_fast: bool, yes: bool, **options: Any) -> None:
     how = options.pop("scheduler"), options.pop("workers")
     with warned(lines.append):
         one, planned = maps.plan(quantities=quantity, fix=fix, command=typed(*SHOWING), **options)
-    execute(one, planned, how, fail_fast, yes, lines)
+    execute(one, _shared(planned, share), how, fail_fast, yes, lines)
 
 
 @command("check", "Whether the installation computes, stores and draws as it should.")

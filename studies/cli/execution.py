@@ -7,9 +7,10 @@ import re
 import shlex
 import signal
 import sys
+import warnings
 from dataclasses import replace
 from math import isnan, nan
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
@@ -18,6 +19,7 @@ from studies.cli.options import catalogue
 from studies.cli.output import FLAGS, about, say, show, tell
 
 if TYPE_CHECKING:
+    from studies.runner import RunResult
     from studies.study import Study
     from sweeps import Plan, Progress, Snapshot
 
@@ -61,9 +63,9 @@ def execute(
     study: Study, planned: Plan, how: tuple[str | None, int | None], fail_fast: bool, yes: bool, lines: list[str]
 ) -> None:
     """Show a plan and warnings, ask where it takes long or is unusual, execute it, and print its numbers."""
-    from studies import results, runner, summary
+    from studies import results, runner
     from studies.cli.progress import progress
-    from sweeps import ClusterLostError
+    from sweeps import ClusterLostError, FailedPointsWarning
 
     backend = runner.backend(*how)
     asking = not yes and sys.stdin.isatty()
@@ -80,6 +82,12 @@ def execute(
     last = _Last()
     try:
         with results.reading(planned.store), warned(say), progress(planned.todo) as last.callback:
+            warnings.simplefilter("ignore", FailedPointsWarning)  # they are listed below
+            if planned.shared:
+                planned.run(*backend, last, fail_fast=fail_fast)
+                failed = last.snapshot.failed if last.snapshot else 0
+                say(f"share {'{} of {}'.format(*planned.shared)} is computed, {failed} failed")
+                sys.exit(1 if failed else 0)
             finished = runner.execute(study, planned, *backend, last, fail_fast=fail_fast)
     except KeyboardInterrupt as interrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a further interrupt would cut the message short
@@ -90,10 +98,17 @@ def execute(
     except ClusterLostError as lost:
         tell(f"{lost}{last.stored(planned)}")
         sys.exit(3)
+    report(study, finished, planned.adopted)
+
+
+def report(study: Study, finished: RunResult, adopted: str = "") -> NoReturn:
+    """Print the numbers of a finished run, and what differs, moved or failed; end with the exit code."""
+    from studies import summary
+
     parts = [*summary.parts(study, finished.dataset)]
     show(summary.text(parts))
-    if planned.adopted:
-        say(f"\nadopted: {planned.adopted}")
+    if adopted:
+        say(f"\nadopted: {adopted}")
     say("\nwritten: " + "\n         ".join(map(str, [finished.file, *finished.figures])))
     if any("differs" in [*part[1].get("deviation", ())] for part in parts if not isinstance(part, str)):
         say("why some differ: results/README.md, What differs from the paper, and why")

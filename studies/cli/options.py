@@ -73,6 +73,7 @@ BACKEND = "Back end, or tcp://host:port of a Dask scheduler; default: DASK_SCHED
 HOW = (
     option("--scheduler", metavar="ADDRESS|threads|sync", help=BACKEND),
     option("--workers", type=click.IntRange(min=1), help="Processes on this machine, or threads."),
+    option("--share", metavar="K/N", help="Compute every N-th computation from the K-th on; then: fiv merge."),
     option("--fail-fast", is_flag=True, help="Stop at the first point that fails."),
     option("--yes", is_flag=True, help="Never ask."),
 )

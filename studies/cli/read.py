@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import json
 import sys
 import time
@@ -100,11 +101,15 @@ def _rows(out: str | None) -> list[dict[str, str]]:
     """The results of the folder, the newest first."""
     from studies import results
 
-    every = [(file, file.with_name(f"{file.name}.parts")) for file in results.stored(out)]
-    there = [[path for path in (file, parts, *parts.glob("*")) if path.exists()] for file, parts in every]
+    every = results.stored(out)
+    names = [glob.escape(file.name) for file in every]
+    ours = [(name, f"{name}.*parts", f"{name}.*parts/*") for name in names]
+    there = [
+        [path for each in own for path in file.parent.glob(each)] for file, own in zip(every, ours, strict=True)
+    ]
     ages = [max(path.stat().st_mtime for path in paths) for paths in there]
     sizes = [sum(path.stat().st_size for path in paths if path.is_file()) for paths in there]
-    rows = sorted(zip(ages, [file for file, _ in every], sizes, strict=True), reverse=True)
+    rows = sorted(zip(ages, every, sizes, strict=True), reverse=True)
     return [_row(file, size, date) for date, file, size in rows]
 
 

@@ -70,6 +70,8 @@ def _constant(value: Any) -> str:
 def parts_of(value: Any) -> Iterable[Any]:
     """What a value consists of: where nothing better is known, the parts of its pickle; else it raises."""
     kind = type(value)
+    if kind.__module__ == "threadpoolctl":
+        raise TypeError("its state is that of this process: addresses and paths of libraries")
     inner = getattr(value, "py_func", None) or getattr(value, "__wrapped__", None)
     if isinstance(inner, FunctionType) and kind.__module__.partition(".")[0] in ("numba", "functools", "builtins"):
         return inner, str(sorted(getattr(value, "targetoptions", {}).items(), key=str))

@@ -95,8 +95,9 @@ def merged(plan: Planned, files: Sequence[str | Path]) -> tuple[Planned, str]:
     texts = list[str]()
     for count in sorted({count for count, _ in shares}):
         numbers = [str(number) for number in range(1, count + 1) if pending[number - 1 :: count].any()]
-        texts.append(f"share {', '.join(numbers)} of {count}")
-    line = f"{' or '.join(texts)} is missing: {np.count_nonzero(pending)} of {len(every)} computations are pending"
+        texts.append(f"{', '.join(numbers)} of {count}")
+    what = f"missing shares: {'; '.join(texts)}" if texts else "it does not say which shares are missing"
+    line = f"{what}; {np.count_nonzero(pending)} of {len(every)} computations are pending"
     kept = tuple(each for each in sources if each.name not in table.damaged)
     plan = replace(plan, manifest=manifest, sources=kept, environments=tuple(table.environments), damaged=())
     return replace(plan, due=np.zeros_like(plan.due), todo=0, whole=False), line * bool(pending.any())
