@@ -12,7 +12,6 @@ from sweeps import SchedulerError, Sweep, pointwise
 from tests.helpers.backends import INSIDE
 from tests.sweeps.fingerprint.conftest import LIVE
 
-
 CACHED = "CACHE = {}\ndef f(a): return CACHE.setdefault(a, 2.0 * a)"
 
 
