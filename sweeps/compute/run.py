@@ -23,7 +23,7 @@ from sweeps.fingerprint.provenance import Environment, environment
 from sweeps.plan.batches import BatchSizes, Queue
 from sweeps.plan.planning import ROW_BYTES, PlanData, mixture, select
 from sweeps.status import Monitor, Progress
-from sweeps.storage.assemble import Source, Table, assemble, declared
+from sweeps.storage.assemble import Source, Table, assemble, restore_types
 from sweeps.storage.existing import opened
 from sweeps.storage.netcdf import described, write
 from sweeps.storage.parts import BOOKKEEPING, PartSource, PartWriter
@@ -42,7 +42,7 @@ def execute(
     check_backend(scheduler, workers)
     if plan.store is None:
         table = _Run(plan, None, progress, fail_fast).compute(scheduler, workers)
-        return declared(described(plan.manifest, assemble(table, lazy=False), plan.sweep.derive)), ()
+        return restore_types(described(plan.manifest, assemble(table, lazy=False), plan.sweep.derive)), ()
     store = Store(plan.store)
     with nullcontext() if plan.whole else store.locked():
         if store.version() != plan.version:
@@ -80,9 +80,9 @@ def _requested(plan: PlanData, store: Store) -> xr.Dataset:
     try:
         data = opened(store.file)
     except ValueError as problem:
-        raise StoreError(f"{problem}; move it away, or {errors.FRESH}") from None
+        raise StoreError(f"{problem}; move it away, or {errors.HINT_START_OVER}") from None
     if plan.alignment.identical:
-        return declared(data)
+        return restore_types(data)
     grid = plan.manifest.grid
     # The computed variables, without derived ones.
     own = [*plan.manifest.variables, *(name for name in BOOKKEEPING if name in data)]
@@ -92,7 +92,7 @@ def _requested(plan: PlanData, store: Store) -> xr.Dataset:
         inside = [some[f"failure_{name}"].isin(plan.sweep.grid.axes[name].values).values for name in grid.axes]
         flags = np.logical_and.reduce(inside)
         some = some.isel(failure=flags) if flags.any() else some.drop_dims("failure")
-    return declared(described(plan.manifest, some, plan.sweep.derive))
+    return restore_types(described(plan.manifest, some, plan.sweep.derive))
 
 
 class _Local(AbstractContextManager["_Local"]):
