@@ -100,8 +100,9 @@ class Variable:
     dims : tuple of str
         Dimensions besides the grid's; their coordinates are the sweep's `coords`.
     dtype : str
-        One of DTYPES; missing entries are NaN. The file marks a missing integer by the least value of its type,
-        which a result therefore must not have. It stores a complex variable `x` as `x_real` and `x_imag`.
+        One of DTYPES; missing entries are NaN. Of integers a file marks missing ones by the least value of the
+        type, and netCDF lost ones by the next, so that no result may be one of the two. A complex variable `x` is
+        stored as `x_real` and `x_imag`.
     digits : int, optional
         Significant decimal digits of a float; further ones are rounded away, so that compression works.
     scale : str
@@ -130,7 +131,7 @@ class Variable:
         if self.digits is not None and not (type(self.digits) is int and 1 <= self.digits <= 15):
             raise InputError(f"Variable: digits = {self.digits!r}: it must be an integer from 1 to 15")
         if (flags := self.flags) is not None:
-            lowest = self.missing if np.dtype(self.dtype).kind == "i" else math.inf
+            lowest = self.missing + 1 if np.dtype(self.dtype).kind == "i" else math.inf
             codes = all(isinstance(code, (int, np.integer)) and code > lowest for code in flags)
             if not (flags and codes and all(isinstance(word, str) and word for word in flags.values())):
                 rule = "it must be a dict of int to str, with an integer dtype"

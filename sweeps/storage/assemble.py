@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from netCDF4 import default_fillvals
 from numpy.typing import NDArray
 
 from sweeps.errors import HINT_MOVE, UNREADABLE, DamagedError, StoreError
@@ -36,6 +37,17 @@ def open_netcdf(path: Path, **options: Any) -> xr.Dataset:
         return xr.open_dataset(path, engine="netcdf4", decode_times=False, **options)
     except AttributeError as problem:  # of the netCDF library, for an attribute that it cannot read
         raise OSError(str(problem)) from None
+
+
+def check_present(variable: xr.Variable) -> None:
+    """Raise an OSError if HDF5 does not find what was stored: then it fills in a value that no result has."""
+    about = variable.attrs | variable.encoding
+    kind = np.dtype(about.get("dtype", variable.dtype)).str[1:]
+    # Any byte may be a result, unless it is a flag; earlier versions chose the value, and have a trailer.
+    if "_FillValue" in about or kind not in default_fillvals or (kind[1:] == "1" and "flag_values" not in about):
+        return
+    if np.any(variable.values == np.asarray(default_fillvals[kind], kind)):
+        raise OSError("values are lost")
 
 
 def fault(path: Path, problem: BaseException) -> str:
@@ -78,10 +90,11 @@ class FileSource:
         index = np.unravel_index(rows, self.grid.shape)
         box = tuple(slice(int(each.min()), int(each.max()) + 1) for each in index)
         try:
-            values = self.data[name].variable[box].values
+            part = self.data[name].variable[box]
+            check_present(part)
         except UNREADABLE as problem:
             raise StoreError(f"{self.path} {fault(self.path, problem)}") from None
-        return np.asarray(values[tuple(each - cut.start for cut, each in zip(box, index, strict=True))])
+        return np.asarray(part.values[tuple(each - cut.start for cut, each in zip(box, index, strict=True))])
 
     @property
     def failures(self) -> dict[int, Failure]:
@@ -230,7 +243,8 @@ def assemble(table: Table, *, lazy: bool) -> xr.Dataset:
             large = lazy and manifest.row_bytes(name) * grid.size > LARGE
             arrays[name] = _lazy(table, name) if large else _values(table, name, grid.shape)
             if np.dtype(variable.dtype).kind == "i":
-                encoding = {"dtype": variable.dtype, "_FillValue": np.dtype(variable.dtype).type(variable.missing)}
+                missing = np.dtype(variable.dtype).type(variable.missing)
+                encoding = {"dtype": variable.dtype, "missing_value": missing}
         data[name] = ((*grid.dims, *variable.dims), arrays[name], attributes(variable, name), encoding)
     data["error"][2]["_Encoding"] = "utf-8"
     data |= _failure_table(table, reasons)

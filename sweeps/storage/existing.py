@@ -8,20 +8,20 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from sweeps.errors import (
-    HINT_EITHER,
-    HINT_MOVE,
-    HINT_START_OVER,
-    UNREADABLE,
-    DamagedError,
-    InputError,
-    MissingFileError,
-    StoreError,
-    message,
-)
+from sweeps import errors
+from sweeps.errors import UNREADABLE, DamagedError, InputError, MissingFileError, StoreError, message
 from sweeps.fingerprint.identity import differences
 from sweeps.grid import Axis, Grid, axis_values
-from sweeps.storage.assemble import FileSource, Source, Table, assemble, fault, open_netcdf, restore_types
+from sweeps.storage.assemble import (
+    FileSource,
+    Source,
+    Table,
+    assemble,
+    check_present,
+    fault,
+    open_netcdf,
+    restore_types,
+)
 from sweeps.storage.netcdf import check_trailer, described
 from sweeps.storage.parts import Manifest, PartSource
 from sweeps.storage.store import Store, signature
@@ -58,7 +58,7 @@ def check_replaceable(store: Store, name: str) -> None:
         _check_name(store.parts, getattr(Manifest.load(store), "name", name), name)
     except StoreError as problem:
         # When a run starts over, a damaged manifest does not matter.
-        if HINT_START_OVER not in str(problem):
+        if errors.HINT_START_OVER not in str(problem):
             raise
 
 
@@ -96,7 +96,7 @@ def _finished(store: Store, name: str, fingerprint: dict[str, Any]) -> Existing:
                 raise InputError("its axes do not fit its points")
             environments = json.loads(data.attrs["environments"])
         except UNREADABLE as problem:
-            raise StoreError(f"{path} is damaged: {problem}; {HINT_MOVE}") from None
+            raise StoreError(f"{path} is damaged: {problem}; {errors.HINT_MOVE}") from None
     return Existing(grid, [FileSource(path, grid, environments)], data.attrs)
 
 
@@ -117,7 +117,7 @@ def _own_file(store: Store, name: str) -> xr.Dataset:
 def _open(path: Path, **options: Any) -> xr.Dataset:
     """Open a file; an InputError tells what is wrong with it."""
     if not path.is_file():
-        raise InputError(f"is not a regular file; {HINT_MOVE}")
+        raise InputError(f"is not a regular file; {errors.HINT_MOVE}")
     try:
         return open_netcdf(path, **options)
     except UNREADABLE as problem:
@@ -128,9 +128,9 @@ def _check_same(place: Path, attributes: Mapping[str, Any], fingerprint: dict[st
     try:
         different = differences(json.loads(attributes["fingerprint"]), fingerprint)
     except UNREADABLE:
-        raise StoreError(f"{place} does not say what made it; {HINT_EITHER}{keep}") from None
+        raise StoreError(f"{place} does not say what made it; {errors.HINT_EITHER}{keep}") from None
     if different:
-        raise StoreError(f"{place} has other results: {different}; {HINT_EITHER}{keep}")
+        raise StoreError(f"{place} has other results: {different}; {errors.HINT_EITHER}{keep}")
 
 
 def open_results(path: str | Path) -> xr.Dataset:
@@ -174,14 +174,14 @@ def opened(path: str | Path, *, load: bool = True) -> xr.Dataset:
 
 
 def _loaded(data: xr.Dataset, path: Path, axes: Sequence[str]) -> xr.Dataset:
-    """An open file with its variables in memory, of a large file the small ones; without `axes` the status alone."""
+    """A file with its variables in memory, of a large one the small ones; without `axes` with the status alone."""
     at_once = bool(axes) and data.nbytes <= READ_AT_ONCE
     try:
         if at_once:
             check_trailer(path)
         for name in data.variables if axes else ["status"]:
             if at_once or data[name].nbytes * 10 <= READ_AT_ONCE:
-                data[name].load()
+                check_present(data[name].load().variable)
     except StoreError as problem:
         raise InputError(str(problem)) from None
     except UNREADABLE as problem:

@@ -94,9 +94,9 @@ def _encoding(data: xr.Dataset, manifest: Manifest) -> dict[str, dict[str, Any]]
                 chosen["chunksizes"] = (*block_shape(manifest.grid.shape, max(CHUNK_BYTES // row, 1)), *inner)
         if text:
             chosen["dtype"] = "S1"
-        if name in data.coords or variable.dtype.kind in "iu":
-            chosen["_FillValue"] = None
-        chosen |= {key: variable.encoding[key] for key in ("dtype", "_FillValue") if key in variable.encoding}
+        # What HDF5 does not find is then filled with netCDF's own value, and noticed.
+        chosen["_FillValue"] = None
+        chosen |= {key: variable.encoding[key] for key in ("dtype", "missing_value") if key in variable.encoding}
     return encoding
 
 
