@@ -193,9 +193,9 @@ def fits(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
     if dtype.kind == "f":
         wider = kind == "f" and values.dtype.itemsize > dtype.itemsize
         return not wider or not np.any(np.isfinite(values) & (np.abs(values) > np.finfo(dtype).max))
-    # The least integer marks a missing one; beyond 2^53 a reader's float would lose digits.
-    limit = min(np.iinfo(dtype).max, 2**53)
-    return bool(np.all((np.abs(values.astype(float)) <= limit) & (values == np.rint(values))))
+    # The two least integers mark missing and lost ones; beyond 2^53 a reader's float would lose digits.
+    limit, floats = min(np.iinfo(dtype).max, 2**53), values.astype(float)
+    return bool(np.all((floats > -limit) & (floats <= limit) & (floats == np.rint(floats))))
 
 
 def importable(function: Any) -> Any:

@@ -28,7 +28,7 @@ from sweeps.plan.adoption import Adoption, confirm
 from sweeps.plan.batches import BatchSizes, Queue
 from sweeps.plan.planning import ENGINE, ROW_BYTES, PlanData, duration, mixture, select
 from sweeps.status import Monitor, Progress, Snapshot
-from sweeps.storage.assemble import Source, Table, assemble, declared
+from sweeps.storage.assemble import Source, Table, assemble, restore_types
 from sweeps.storage.existing import existing, opened
 from sweeps.storage.netcdf import described, write
 from sweeps.storage.parts import BOOKKEEPING, PartSource, PartWriter
@@ -91,7 +91,7 @@ def _execute(
 ) -> tuple[xr.Dataset, PlanData]:
     if plan.store is None:
         table = _Run(plan, None, progress, fail_fast).compute(scheduler, workers)
-        return declared(described(plan.manifest, assemble(table, lazy=False), plan.sweep.derive)), plan
+        return restore_types(described(plan.manifest, assemble(table, lazy=False), plan.sweep.derive)), plan
     store = Store(plan.store) if plan.shared is None else Share(plan.store, *plan.shared)
     if not (plan.todo or plan.adoption):
         return _finish(plan, store, scheduler, workers, progress, fail_fast)
@@ -140,7 +140,7 @@ def _finish(
         if not plan.whole:
             table = _Run(plan, store, progress, fail_fast).compute(scheduler, workers)
             if plan.shared is not None:
-                return declared(described(plan.manifest, assemble(table, lazy=True), None)), plan
+                return restore_types(described(plan.manifest, assemble(table, lazy=True), None)), plan
             try:
                 if table.damaged:
                     raise DamagedError(table.damaged[0], str(store.parts))
@@ -161,9 +161,9 @@ def _requested(plan: PlanData, store: Store) -> xr.Dataset:
     try:
         data = opened(store.file)
     except ValueError as problem:
-        raise StoreError(f"{problem}; move it away, or {errors.FRESH}") from None
+        raise StoreError(f"{problem}; move it away, or {errors.HINT_START_OVER}") from None
     if plan.alignment.identical:
-        return declared(data)
+        return restore_types(data)
     grid = plan.manifest.grid
     # The computed variables, without derived ones.
     own = [*plan.manifest.variables, *(name for name in BOOKKEEPING if name in data)]
@@ -173,7 +173,7 @@ def _requested(plan: PlanData, store: Store) -> xr.Dataset:
         inside = [some[f"failure_{name}"].isin(plan.sweep.grid.axes[name].values).values for name in grid.axes]
         flags = np.logical_and.reduce(inside)
         some = some.isel(failure=flags) if flags.any() else some.drop_dims("failure")
-    return declared(described(plan.manifest, some, plan.sweep.derive))
+    return restore_types(described(plan.manifest, some, plan.sweep.derive))
 
 
 class _Run:

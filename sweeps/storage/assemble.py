@@ -13,11 +13,13 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from netCDF4 import default_fillvals
 from numpy.typing import NDArray
 
-from sweeps.errors import FRESH, UNREADABLE, DamagedError, StoreError, message
+from sweeps.errors import HINT_MOVE, UNREADABLE, DamagedError, StoreError
 from sweeps.grid import DONE, FAILED, PENDING, REAL, SKIPPED, Axis, Grid, Variable, block_shape, flag_attributes
 from sweeps.storage.parts import BatchResult, Coverage, Failure, Manifest, PartSource
+from sweeps.storage.store import is_held
 
 # Larger variables are assembled in blocks of this size, bytes.
 LARGE = 32_000_000
@@ -35,6 +37,30 @@ def open_netcdf(path: Path, **options: Any) -> xr.Dataset:
         return xr.open_dataset(path, engine="netcdf4", decode_times=False, **options)
     except AttributeError as problem:  # of the netCDF library, for an attribute that it cannot read
         raise OSError(str(problem)) from None
+
+
+def check_present(variable: xr.Variable) -> None:
+    """Raise an OSError if HDF5 does not find what was stored: then it fills in a value that no result has."""
+    about = variable.attrs | variable.encoding
+    kind = np.dtype(about.get("dtype", variable.dtype)).str[1:]
+    # Any byte may be a result, unless it is a flag; earlier versions chose the value, and have a trailer.
+    if "_FillValue" in about or kind not in default_fillvals or (kind[1:] == "1" and "flag_values" not in about):
+        return
+    if np.any(variable.values == np.asarray(default_fillvals[kind], kind)):
+        raise OSError("values are lost")
+
+
+def fault(path: Path, problem: BaseException) -> str:
+    """What is wrong with a file that cannot be opened or read, and what to do."""
+    if isinstance(problem, PermissionError):
+        return "cannot be read: permission is missing, or another program has it open"
+    if (held := is_held(path)) is None:
+        return "cannot be locked, as HDF5 wants to; set HDF5_USE_FILE_LOCKING=FALSE"
+    return (
+        "is locked or open in another program; close it there"
+        if held
+        else f"is damaged or not netCDF; {HINT_MOVE}"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +90,11 @@ class FileSource:
         index = np.unravel_index(rows, self.grid.shape)
         box = tuple(slice(int(each.min()), int(each.max()) + 1) for each in index)
         try:
-            values = self.data[name].variable[box].values
+            part = self.data[name].variable[box]
+            check_present(part)
         except UNREADABLE as problem:
-            raise StoreError(f"{self.path} is damaged ({message(problem)}); move it away, or {FRESH}") from None
-        return np.asarray(values[tuple(each - cut.start for cut, each in zip(box, index, strict=True))])
+            raise StoreError(f"{self.path} {fault(self.path, problem)}") from None
+        return np.asarray(part.values[tuple(each - cut.start for cut, each in zip(box, index, strict=True))])
 
     @property
     def failures(self) -> dict[int, Failure]:
@@ -216,7 +243,8 @@ def assemble(table: Table, *, lazy: bool) -> xr.Dataset:
             large = lazy and manifest.row_bytes(name) * grid.size > LARGE
             arrays[name] = _lazy(table, name) if large else _values(table, name, grid.shape)
             if np.dtype(variable.dtype).kind == "i":
-                encoding = {"dtype": variable.dtype, "_FillValue": np.dtype(variable.dtype).type(variable.missing)}
+                missing = np.dtype(variable.dtype).type(variable.missing)
+                encoding = {"dtype": variable.dtype, "missing_value": missing}
         data[name] = ((*grid.dims, *variable.dims), arrays[name], attributes(variable, name), encoding)
     data["error"][2]["_Encoding"] = "utf-8"
     data |= _failure_table(table, reasons)
@@ -228,7 +256,7 @@ def assemble(table: Table, *, lazy: bool) -> xr.Dataset:
 
 def _values(table: Table, name: str, shape: Sequence[int], first: int = 0) -> NDArray[Any]:
     values = table.values(name, slice(first, first + int(np.prod(shape))))
-    return shown(values.reshape(*shape, *values.shape[1:]), table.manifest.variable(name))
+    return as_floats(values.reshape(*shape, *values.shape[1:]), table.manifest.variable(name))
 
 
 def _lazy(table: Table, name: str) -> Any:
@@ -243,13 +271,13 @@ def _lazy(table: Table, name: str) -> Any:
         return _values(table, name, [end - begin for begin, end in place], first)
 
     variable = table.manifest.variable(name)
-    empty = shown(np.zeros((0,) * (len(shape) + len(inner)), variable.dtype), variable)
+    empty = as_floats(np.zeros((0,) * (len(shape) + len(inner)), variable.dtype), variable)
     array: Any = dask.array
     chunks = array.core.normalize_chunks((*steps, *inner), (*shape, *inner))
     return array.map_blocks(block, chunks=chunks, dtype=empty.dtype, meta=empty)
 
 
-def shown(values: NDArray[Any], variable: Variable) -> NDArray[Any]:
+def as_floats(values: NDArray[Any], variable: Variable) -> NDArray[Any]:
     """Values as a reader of the file gets them: of integers floats, with NaN where the value is missing."""
     if values.dtype.kind != "i":
         return values
@@ -286,7 +314,7 @@ def attributes(described: Axis | Variable, name: str) -> dict[str, Any]:
     return {name: value for name, value in found.items() if not isinstance(value, str) or value}
 
 
-def declared(data: xr.Dataset) -> xr.Dataset:
+def restore_types(data: xr.Dataset) -> xr.Dataset:
     """Replace the representation of complex, bool and text variables in a file by variables of these types."""
     error = data["error"]
     if error.dtype.kind == "S":

@@ -20,7 +20,7 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
-from sweeps.errors import ANEW, FRESH, UNREADABLE, DamagedError, StoreError, reason
+from sweeps.errors import HINT_EITHER, HINT_START_OVER, UNREADABLE, DamagedError, StoreError, reason
 from sweeps.grid import STATUS_FLAGS, Alignment, Axis, Grid, Variable
 from sweeps.storage.store import Store, check_regular, replacing
 
@@ -234,9 +234,9 @@ class Manifest:
                     reasons.append(f"{path} cannot be read: {reason(problem)}")
             else:
                 other = f"{store.parts} is of another version of sweeps"
-                raise StoreError(f"{other}; finish the run with that version, or {FRESH}")
+                raise StoreError(f"{other}; finish the run with that version, or {HINT_START_OVER}")
         lost = f"so the parts of {store.file.name} cannot be used"
-        raise StoreError([*reasons, f"{store.manifest} and its copy are damaged, {lost}; {ANEW}"][0])
+        raise StoreError([*reasons, f"{store.manifest} and its copy are damaged, {lost}; {HINT_EITHER}"][0])
 
     @classmethod
     def _of(cls, file: Packed) -> "Manifest":
