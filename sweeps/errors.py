@@ -10,6 +10,7 @@ UNREADABLE = (OSError, ValueError, KeyError, RuntimeError, EOFError, zipfile.Bad
 HINT_START_OVER = "start over (fresh=True)"
 HINT_OTHER_PATH = "choose another path"
 HINT_EITHER = f"{HINT_OTHER_PATH}, or {HINT_START_OVER}"
+HINT_ADOPT = "keep them with adopt=20 if 20 stored points, computed again, agree"
 HINT_MOVE = f"move it away, or {HINT_OTHER_PATH}"
 
 

@@ -235,8 +235,10 @@ class Payload:
         name = f"sweeps-{uuid4().hex}"
         names = [each for each in code if isinstance(each, str)]
         # What travels with the function cannot differ there.
-        travels, every = by_value(), digests([task.function], names)
-        expected = {home: each for home, each in every.items() if home not in travels}
+        travels, expected = by_value(), dict[str, str]()
+        with suppress(InputError):  # it cannot be compared; then nothing of it is stored
+            every = digests([task.function], names)
+            expected = {home: each for home, each in every.items() if home not in travels}
         token = "" if writer is None else writer.token
         try:
             content = cloudpickle.dumps((task, names, expected, token))
@@ -289,7 +291,7 @@ def _unpacked(payload: Payload) -> tuple[Task, PartWriter | None]:
     # What the code of the last run has changed, such as a cache, counts as it was before.
     for functions, code, before in _seen:
         settle(before, digests(functions, code))
-    here = digests([task.function], names)
+    here = digests([task.function], names) if expected else {}
     if {home: here.get(home) for home in expected} != expected:
         raise InputError("this worker has another version of the code; install the same one everywhere")
     _seen[:] = [([task.function], names, here)]

@@ -157,11 +157,13 @@ def _check_same(
     place: Path, attributes: Mapping[str, Any], fingerprint: dict[str, Any], keep: str = "", *, code: bool = True
 ) -> None:
     try:
-        different = differences(json.loads(attributes["fingerprint"]), fingerprint, code=code)
+        stored = json.loads(attributes["fingerprint"])
+        different = differences(stored, fingerprint, code=code)
+        adopt = "" if differences(stored, fingerprint, code=False) else f"{errors.HINT_ADOPT}, "
     except UNREADABLE:
         raise StoreError(f"{place} does not say what made it; {errors.HINT_EITHER}{keep}") from None
     if different:
-        raise StoreError(f"{place} has other results: {different}; {errors.HINT_EITHER}{keep}")
+        raise StoreError(f"{place} has other results: {different}; {adopt}{errors.HINT_EITHER}{keep}")
 
 
 def open_results(path: str | Path) -> xr.Dataset:
