@@ -280,6 +280,18 @@ class Payload:
         return environment(libraries)
 
 
+class _Writer(PartWriter):
+    """Writes parts in a worker, as long as the run goes on."""
+
+    def __init__(self, payload: Payload, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._payload = payload
+
+    def _rename(self, temporary: Path, path: Path) -> None:
+        if self._payload.is_seen():
+            super()._rename(temporary, path)
+
+
 # Function, declared code and digests of the last task that was unpacked here.
 _seen: list[tuple[list[Any], list[str], dict[str, str]]] = []
 
@@ -298,5 +310,6 @@ def _unpacked(payload: Payload) -> tuple[Task, PartWriter | None]:
     if os.getpid() != payload.client and threading.current_thread() is threading.main_thread():
         # A terminal sends Ctrl-C to all processes; the client's decides which batches are finished.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    writer = PartWriter(payload.probe.parent, task.stored, token) if payload.probe and payload.is_seen() else None
-    return task, writer
+    if payload.probe is None or not payload.is_seen():
+        return task, None
+    return task, _Writer(payload, payload.probe.parent, task.stored, token)

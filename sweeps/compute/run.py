@@ -8,7 +8,7 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -274,16 +274,15 @@ class _Run:
                 yield backend
             return
         payload = Payload.of(self.plan.task, tuple(self.plan.sweep.code), self.writer)
-        with payload.offered():
-            if scheduler == "processes" or is_pool(scheduler):
-                with pool(scheduler, workers, payload) as backend:
-                    yield backend
-                return
+        if scheduler == "processes" or is_pool(scheduler):
+            there: AbstractContextManager[Backend] = pool(scheduler, workers, payload)
+        else:
             # Imported here: it is slow, and few runs need it.
             from sweeps.compute.cluster import cluster
 
-            with cluster(scheduler, payload) as backend:
-                yield backend
+            there = cluster(scheduler, payload)
+        with there as backend, payload.offered():
+            yield backend
 
     def _compute(self, name: str, points: Points) -> BatchSummary:
         return self.write(name, self.plan.task.run(np.asarray(points)))

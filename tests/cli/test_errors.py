@@ -13,7 +13,7 @@ import sweeps
 from fivcore import InputError, UnsolvedError
 from studies.cli import main, output
 from studies.gallery import fig5
-from sweeps.compute.run import _Local
+from sweeps.compute.executors import Backend
 
 TABLES = {
     "semi.csv": "mu;theta\n1;2\n",
@@ -139,14 +139,14 @@ def test_a_fault_of_ours_is_not_reported_as_wrong_input(here, monkeypatch, probl
 
 
 def test_a_lost_cluster_is_exit_3_and_what_is_stored_stays(here, own, monkeypatch):
-    whole = _Local.submit
+    whole = Backend.submit
 
     def submit(self, name, points):
         if len(sweeps.Store("results/squares/squares.nc").part_names()):
             raise sweeps.ClusterLostError("the scheduler does not answer any more")
         return whole(self, name, points)
 
-    monkeypatch.setattr(_Local, "submit", submit)
+    monkeypatch.setattr(Backend, "submit", submit)
     run = ("run", "own.py", "--set", "x=3:9:50", "--scheduler", "sync")
     done = here(*run)
     assert done.returncode == 3
@@ -155,7 +155,7 @@ def test_a_lost_cluster_is_exit_3_and_what_is_stored_stays(here, own, monkeypatc
     )
     assert counts
     assert f"cached          {counts[1]}" in here("plan", *run[1:4]).stdout
-    monkeypatch.setattr(_Local, "submit", whole)
+    monkeypatch.setattr(Backend, "submit", whole)
     assert here(*run).returncode == 0
 
 

@@ -92,7 +92,8 @@ def main(told):
     batches.BATCH_BYTES = 1.0  # a batch is one point, however short it is
     wanted = {key: told[key] for key in ("points", "log", "pause", "long") if key in told}
     try:
-        make(**wanted).plan(told["store"]).run(
+        plan = make(**wanted).plan(told["store"])
+        (plan.share(*told["share"]) if "share" in told else plan).run(
             told.get("scheduler", "threads"),
             2,
             lambda snapshot: print(f"progress {snapshot.done} {snapshot.stopping} {snapshot.now}", flush=True),

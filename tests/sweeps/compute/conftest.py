@@ -22,9 +22,9 @@ def inside():
         yield one
 
 
-@pytest.fixture(params=["sync", "threads", "address", "client", "cluster"])
+@pytest.fixture(params=["sync", "threads", "address", "client"])
 def scheduler(request):
-    """Everything that `Plan.run` accepts, except "processes", which take seconds to start."""
+    """Kinds of back ends; on request also a "cluster", which is a client's after all."""
     if request.param == "client":
         with distributed.Client(request.getfixturevalue("inside"), set_as_default=False) as client:
             yield client

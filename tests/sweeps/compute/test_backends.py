@@ -21,6 +21,7 @@ from tests.helpers.waves import stop_after
 SIZES = [{"BATCH_BYTES": 1.0}, {"GROWTH": 2, "SHORTEST": 1e-4}, {"BATCH_SECONDS": 1e-6}, {"PLACES": 1}]
 
 
+@pytest.mark.parametrize("scheduler", ["sync", "threads", "address", "client", "cluster"], indirect=True)
 def test_every_back_end_gives_the_same_bits(path, scheduler):
     assert_right(make(points=40).plan().run(scheduler))
     make(points=40).plan(path).run(scheduler)

@@ -28,11 +28,10 @@ from sweeps import (
 )
 from sweeps.storage.assemble import rounded
 from sweeps.task import MOST_CHARACTERS
-from tests.helpers import waves
 from tests.helpers.backends import visible
+from tests.helpers.state import Log
 
-CALLS: list[str] = []
-RAISED: list[BaseException] = []
+CALLS, RAISED = Log(), Log()
 
 
 def sweep(function, count=8, **changes):
@@ -209,13 +208,21 @@ def test_a_run_whose_first_points_fail_alike_stops_at_once_and_leaves_nothing(pa
     assert visible(path.parent) == []
 
 
-def test_a_run_that_stops_keeps_earlier_results(path, monkeypatch):
-    waves.sweep({"x": [0.5]}).plan(path).run()
-    monkeypatch.setattr(waves, "number", lambda values: 1 / 0)
+def unless_told(points):
+    if RAISED:
+        raise RAISED[-1]
+    return {"y": points["x"]}
+
+
+def test_a_run_that_stops_keeps_earlier_results(path):
+    RAISED.clear()
+    few, many = (sweep(unless_told, grid={"x": values}) for values in ([0.5], [0.5, *np.arange(1.0, 20.0)]))
+    few.plan(path).run()
+    RAISED.append(ZeroDivisionError())
     with pytest.raises(SweepStoppedError, match="ZeroDivisionError"):
-        waves.sweep({"x": np.arange(1.0, 20.0)}).plan(path).run("sync")
-    monkeypatch.undo()
-    plan = waves.sweep({"x": [0.5, *np.arange(1.0, 20.0)]}).plan(path)
+        many.plan(path).run("sync")
+    RAISED.clear()
+    plan = many.plan(path)
     assert plan.cached - plan.failed == 1
 
 

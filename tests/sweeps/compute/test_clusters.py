@@ -1,10 +1,8 @@
-"""Processes that die, leave, join, lack code or have other code; schedulers that are absent or go away."""
+"""Workers of clusters that die, leave, join, lack code or have other code; schedulers that go away."""
 
 import gc
 import importlib
-import multiprocessing
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -15,12 +13,12 @@ import distributed
 import numpy as np
 import pytest
 
-from sweeps import ClusterLostError, InputError, SchedulerError, StoreError, open_results
-from sweeps.compute import cluster
-from sweeps.plan import batches
+from sweeps import ClusterLostError, SchedulerError
+from sweeps.compute import cluster, executors
+from sweeps.errors import WorkerDied
 from sweeps.storage.parts import PartWriter
 from tests import HOME
-from tests.helpers.backends import INSIDE, assert_right, simple, visible
+from tests.helpers.backends import INSIDE, QUIET, assert_right, simple, visible
 from tests.helpers.sweep_programs import make
 
 CODE = "def double(points):\n    return {{'y': {} * points['x']}}\n"
@@ -32,63 +30,6 @@ for line in sys.stdin:
     exec(line)
     print("done", flush=True)
 """
-
-
-def children():
-    return {process.pid for process in multiprocessing.active_children()}
-
-
-# Processes of this machine.
-
-
-@pytest.mark.parametrize("size", [pytest.param(1, marks=pytest.mark.slow), 4])
-def test_a_point_that_kills_its_worker_fails_alone_and_costs_its_batch(path, monkeypatch, size):
-    monkeypatch.setattr(batches, "BATCH_BYTES", size * 48.0)
-    before = children()
-    data = make(points=40, parent=os.getpid(), deadly=22.0).plan(path).run("processes", 2)
-    assert_right(data, failed=(7.0, 22.0))
-    assert data["error"].values[22] == "RuntimeError: the process that computed this point died"
-    line = data["reproduce"].values[data["failure_x"].values.tolist().index(22.0)]
-    assert "from tests.helpers.sweep_programs import powers; powers({'x'" in line
-    assert visible(path.parent) == [path.name]
-    assert children() == before
-
-
-@pytest.mark.usefixtures("small_pieces")
-def test_a_killed_worker_costs_its_batch_and_strangers_do_not_reach_the_cluster(path, monkeypatch):
-    before, killed, clusters, start = children(), [], [], distributed.LocalCluster
-
-    def started(**options):
-        clusters.append(start(**options))
-        return clusters[0]
-
-    def kill(snapshot):
-        if snapshot.done < 8 or killed:
-            return
-        address, stranger = clusters[0].scheduler_address, distributed.Security.temporary()
-        assert all(each.startswith("tls://") for each in (address, *clusters[0].scheduler_info["workers"]))
-        for wrong, security in ((address.replace("tls", "tcp"), None), (address, stranger)):
-            with pytest.raises((OSError, TypeError)):
-                distributed.Client(wrong, timeout=0.5, security=security, set_as_default=False)
-        killed.append((children() - before).pop())
-        os.kill(killed[0], signal.SIGKILL)
-
-    monkeypatch.setattr(distributed, "LocalCluster", started)
-    make(pause=0.02).plan(path).run("processes", 2, kill)
-    assert killed
-    assert_right(open_results(path))
-    assert children() == before
-
-
-@pytest.mark.slow
-def test_a_script_without_a_main_guard_gets_advice(tmp_path):
-    script, code = tmp_path / "script.py", "from tests.helpers.sweep_programs import make\n"
-    script.write_text(f"{code}make().plan().run('processes', 1)\n")
-    own = {"env": os.environ | {"PYTHONPATH": str(HOME)}, "timeout": 100}
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, **own)
-    assert done.returncode == 1
-    assert "SchedulerError: scheduler = 'processes': no workers could be started" in done.stderr
-    assert "under if __name__ == '__main__'" in done.stderr
 
 
 # Addresses.
@@ -156,34 +97,27 @@ def test_workers_without_the_code_or_with_other_code_are_refused(path, tmp_path,
     monkeypatch.syspath_prepend(there)
     function = importlib.import_module("edited").double
     for fresh in (False, True):
-        with pytest.raises(SchedulerError, match=r"edited\.py has changed since Python loaded it"):
+        with pytest.raises(SchedulerError, match="this worker has another version of the code"):
             simple(function).plan(path, fresh=fresh).run(address)
     execute("import importlib, edited; importlib.reload(edited)")
     np.testing.assert_array_equal(simple(function).plan(path).run(address)["y"], 30.0 * np.arange(24.0))
     assert capfd.readouterr() == ("", "")
 
 
-def test_code_that_is_edited_in_a_live_session_is_refused_when_planning_and_running(path, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    monkeypatch.syspath_prepend(tmp_path)
-    file = tmp_path / "live_code.py"
-    file.write_text(CODE.format(2))
-    module = importlib.import_module("live_code")
-    plan = simple(module.double).plan(path)
-    file.write_text(CODE.format(3))
-    with pytest.raises(InputError, match=r"live_code\.py has changed since Python loaded it \(.*double\)"):
-        simple(module.double).plan(path)
-    with pytest.raises(InputError, match=r"live_code\.py has changed"):
-        plan.run("sync")
-    assert not path.exists()
-    file.write_text(CODE.format(2))
-    np.testing.assert_array_equal(plan.run("sync")["y"], 2.0 * np.arange(24.0))
-    file.write_text(CODE.format(3))
-    with pytest.raises(StoreError, match="the code of live_code has changed"):
-        simple(importlib.reload(module).double).plan(path)
-
-
 # Workers and schedulers that go away.
+
+
+def test_a_worker_that_dies_is_an_error_of_ours():
+    with pytest.raises(WorkerDied), cluster._translated():
+        raise distributed.KilledWorker("a batch", "a worker", 0)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("small_pieces")
+def test_a_point_that_kills_workers_of_a_cluster_fails_alone(path):
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **QUIET) as some:
+        data = make(points=40, parent=os.getpid(), deadly=22.0).plan(path).run(some)
+    assert_right(data, failed=(7.0, 22.0))
 
 
 @pytest.mark.usefixtures("small_pieces")
@@ -246,7 +180,7 @@ def test_workers_that_see_the_folder_write_their_parts_themselves(path, inside, 
     for owner, name, replacement, is_main in (
         (PartWriter, "write", written, False),
         (PartWriter, "write", partialmethod(written, refuses=True), True),
-        (cluster.Path, "write_text", lambda self, text: 0, True),
+        (executors.Path, "write_text", lambda self, text: 0, True),
     ):
         monkeypatch.setattr(owner, name, replacement)
         writers.clear()

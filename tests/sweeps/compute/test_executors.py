@@ -1,4 +1,4 @@
-"""Executors of any kind give the same bits; where workers die, what is finished stays and the guilty point is found."""
+"""Executors of any kind give the same bits; where workers die, what is finished stays and the guilty is found."""
 
 import multiprocessing
 import os
@@ -20,7 +20,6 @@ from tests import HOME
 from tests.helpers.backends import assert_right, simple, visible
 from tests.helpers.sweep_programs import make
 
-SPAWN = multiprocessing.get_context("spawn")
 # Copies of this process are there at once, which suits tests of what dies.
 COPIES = partial(ProcessPoolExecutor, 2, multiprocessing.get_context("fork"))
 DIED = "RuntimeError: the process that computed this point died"
@@ -31,7 +30,7 @@ def children():
 
 
 class Plain(Executor):
-    """An executor that has nothing but `submit`."""
+    """An executor that has nothing but the protocol."""
 
     def submit(self, function, /, *arguments, **options):
         future: Future = Future()
@@ -44,7 +43,7 @@ def executor(request):
     if request.param == "loky":
         yield loky.get_reusable_executor(2)
     else:
-        kinds = {"threads": ThreadPoolExecutor, "spawn": partial(ProcessPoolExecutor, mp_context=SPAWN)}
+        kinds = {"threads": ThreadPoolExecutor, "spawn": executors.Processes}
         with kinds[request.param](2) if request.param in kinds else Plain() as one:
             yield one
 
@@ -114,6 +113,7 @@ def test_workers_that_somebody_kills_are_replaced(path, monkeypatch):
     assert_right(open_results(path))
 
 
+@pytest.mark.slow
 def test_processes_of_this_machine_isolate_a_deadly_point(path, monkeypatch):
     monkeypatch.setattr(batches, "BATCH_BYTES", 4 * 48.0)
     before = children()
@@ -143,7 +143,10 @@ def test_a_function_that_makes_no_executor_and_an_executor_that_was_shut_down(pa
         make().plan(path).run(pool)
 
 
-@pytest.mark.parametrize("how", ["'processes', 2", "functools.partial(futures.ProcessPoolExecutor, 2, spawn)"])
+OWN = "functools.partial(futures.ProcessPoolExecutor, 2, spawn)"
+
+
+@pytest.mark.parametrize("how", ["'processes', 1", pytest.param(OWN, marks=pytest.mark.slow)])
 def test_a_program_without_a_main_guard_ends_in_one_line(tmp_path, how):
     program = f"""
 import functools, multiprocessing, sweeps

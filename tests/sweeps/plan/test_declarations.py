@@ -89,7 +89,7 @@ def test_the_same_value_is_the_same_point_however_it_was_computed():
     assert Grid({"x": np.linspace(0.0, 0.5, 6)}).locate({"x": Axis([0.1 + 0.2]).values}).tolist() == [3]
 
 
-@pytest.mark.parametrize("values", [[1, 2], ["a", "µ"], [True, False], np.float32([0.1, 0.2]), range(3), 5.0])
+@pytest.mark.parametrize("values", [[1, 2], ["a", "µ"], [True, False], range(3), 5.0])
 def test_an_axis_copies_and_freezes_its_values_and_keeps_their_type(values):
     axis = Axis(values)
     assert axis.values.dtype == np.atleast_1d(np.asarray(values)).dtype
@@ -131,5 +131,6 @@ def test_a_union_has_all_values_sorted_if_both_are_and_align_finds_them(one, oth
         for name, column in grid.points().items():
             np.testing.assert_array_equal(union.points(every)[name], column)
         np.testing.assert_array_equal(np.arange(union.size).reshape(union.shape)[alignment.index].ravel(), every)
-    back = made(one).align(union)(np.arange(union.size))
-    assert np.count_nonzero(back >= 0) == made(one).size
+    if {*other} - {*one}:
+        with pytest.raises(InputError, match=r"^Grid: x.* has no value "):
+            made(one).align(union)
