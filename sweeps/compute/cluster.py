@@ -28,7 +28,7 @@ import numpy as np
 from distributed.utils import silence_logging_cmgr
 from numpy.typing import NDArray
 
-from sweeps.errors import ClusterLostError, InputError, SchedulerError, WorkerDied
+from sweeps.errors import ClusterLostError, InputError, SchedulerError, UndeclaredError, WorkerDied
 from sweeps.fingerprint.code import check_loaded, digests
 from sweeps.fingerprint.provenance import environment
 from sweeps.storage.parts import PartWriter
@@ -157,6 +157,8 @@ def _translated() -> Iterator[None]:
     """Raise an error of this package for what Dask raises."""
     try:
         yield
+    except UndeclaredError:
+        raise
     except distributed.KilledWorker:
         raise WorkerDied from None
     except (CancelledError, distributed.client.FuturesCancelledError, OSError, TimeoutError):
