@@ -30,7 +30,9 @@ STATUS_FLAGS = {PENDING: "pending", DONE: "done", FAILED: "failed", SKIPPED: "sk
 # Points of a refined sweep only.
 INTERPOLATED_FLAG = {INTERPOLATED: "interpolated"}
 
-DTYPES = ("float64", "float32", "int8", "int16", "int32", "int64", "bool", "complex128")
+DTYPES = ("float64", "float32", "int8", "int16", "int32", "int64", "bool", "complex128", "str")
+# Bytes of a text where sizes are estimated.
+TEXT_BYTES = 32
 # Long names of real parts begin with this.
 REAL = "real part of "
 # What a sweep's file contains besides axes and results; names that begin with `failure_` are reserved as well.
@@ -102,7 +104,8 @@ class Variable:
     dtype : str
         One of DTYPES; missing entries are NaN. Of integers a file marks missing ones by the least value of the
         type, and netCDF lost ones by the next, so that no result may be one of the two. A complex variable `x` is
-        stored as `x_real` and `x_imag`.
+        stored as `x_real` and `x_imag`. Of texts, missing ones are "", and each takes the room of the longest.
+        Whole numbers and truth values may become floats; texts must be declared.
     digits : int, optional
         Significant decimal digits of a float; further ones are rounded away, so that compression works.
     scale : str
@@ -144,9 +147,20 @@ class Variable:
         return np.dtype(self.dtype).kind in "fc"
 
     @property
-    def missing(self) -> float:
+    def missing(self) -> Any:
         """The value where there is no result; of the types that a file can have."""
+        if self.dtype == "str":
+            return ""
         return math.nan if np.dtype(self.dtype).kind == "f" else int(np.iinfo(self.dtype).min)
+
+    @property
+    def itemsize(self) -> int:
+        """Bytes of a value; of a text a guess."""
+        return TEXT_BYTES if self.dtype == "str" else np.dtype(self.dtype).itemsize
+
+    def absent(self, shape: tuple[int, ...]) -> NDArray[Any]:
+        """An array without results; texts are objects, so that each may have any length."""
+        return np.full(shape, self.missing, object if self.dtype == "str" else self.dtype)
 
     def stored(self, name: str) -> "dict[str, Variable]":
         """The variables by which a file represents this one, by name: netCDF has no complex and no bool."""

@@ -24,7 +24,7 @@ import numpy as np
 from dask.local import SynchronousExecutor
 from numpy.typing import NDArray
 
-from sweeps.errors import ClusterLostError, InputError, SchedulerError, WorkerDied, message
+from sweeps.errors import ClusterLostError, InputError, SchedulerError, UndeclaredError, WorkerDied, message
 from sweeps.fingerprint.code import digests, settle
 from sweeps.fingerprint.modules import by_value
 from sweeps.fingerprint.provenance import environment
@@ -189,7 +189,7 @@ class Pool(Backend):
         """The summary of a finished batch."""
         try:
             return future.result()
-        except futures.CancelledError:
+        except (futures.CancelledError, UndeclaredError):
             raise
         except futures.BrokenExecutor:
             raise WorkerDied if self._make is not None else self._lost() from None

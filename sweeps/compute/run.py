@@ -204,6 +204,10 @@ class _Run:
             try:
                 if self.plan.todo:
                     self._passes(scheduler, workers)
+            except errors.UndeclaredError:
+                if self.store is not None and not self.sources:
+                    self.store.clear()
+                raise
             except KeyboardInterrupt:
                 if any(future.running() for future in self._submitted):
                     raise errors.AbandonedError from None

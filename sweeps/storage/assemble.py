@@ -163,7 +163,7 @@ class Table:
     def values(self, name: str, points: slice) -> NDArray[Any]:
         """Values of a variable, or `wall_time`, at a range of points."""
         variable, index = self.manifest.variable(name), np.arange(len(self.status))[points]
-        values = np.full((len(index), *self.manifest.shape(name)), variable.missing, variable.dtype)
+        values = variable.absent((len(index), *self.manifest.shape(name)))
         for source, rows, at in self._by_source(index):
             # A slice copies faster, or not at all.
             part = isinstance(source, PartSource) and bool(np.all(np.diff(rows) == 1))
@@ -240,7 +240,7 @@ def assemble(table: Table, *, lazy: bool) -> xr.Dataset:
     for name in (*manifest.variables, "status", "error", "wall_time"):
         variable, encoding = manifest.variable(name), {}
         if name not in arrays:
-            large = lazy and manifest.row_bytes(name) * grid.size > LARGE
+            large = lazy and variable.dtype != "str" and manifest.row_bytes(name) * grid.size > LARGE
             arrays[name] = _lazy(table, name) if large else _values(table, name, grid.shape)
             if np.dtype(variable.dtype).kind == "i":
                 missing = np.dtype(variable.dtype).type(variable.missing)
@@ -280,7 +280,7 @@ def _lazy(table: Table, name: str) -> Any:
 def as_floats(values: NDArray[Any], variable: Variable) -> NDArray[Any]:
     """Values as a reader of the file gets them: of integers floats, with NaN where the value is missing."""
     if values.dtype.kind != "i":
-        return values
+        return values.astype(str) if values.dtype == object else values
     # Single precision represents every integer of 16 bits.
     kind = np.float32 if values.dtype.itemsize <= 2 else np.float64
     return np.where(values == variable.missing, kind(np.nan), values.astype(kind))
@@ -304,9 +304,10 @@ def _failure_table(table: Table, reasons: Mapping[int, Failure]) -> dict[str, An
 def attributes(described: Axis | Variable, name: str) -> dict[str, Any]:
     """CF attributes of an axis or a variable; its `name` replaces a missing long name."""
     found: dict[str, Any] = {"units": described.units, "long_name": described.long_name or name}
-    if isinstance(described, Axis):
-        if described.values.dtype.kind == "U":
-            found["units"] = ""  # strings have none
+    if (described.values.dtype.kind == "U") if isinstance(described, Axis) else described.dtype == "str":
+        found["units"] = ""  # strings have none
+    elif isinstance(described, Axis):
+        pass
     elif described.digits is not None:
         found["comment"] = f"kept to {described.digits} significant digits"
     elif described.flags is not None:
