@@ -21,8 +21,9 @@ def merge(study: str, folders: tuple[str, ...], out: str | None) -> None:
     """Assemble what jobs with `fiv run STUDY --share K/N` have computed, in one results folder or in several.
 
     \b
-    fiv merge regimes                             of jobs that all had this results folder
-    fiv merge regimes a b c --out all             of jobs with --out a, --out b and --out c
+    fiv run fig5 --share 1/2 --out shares
+    fiv run fig5 --share 2/2 --out shares
+    fiv merge fig5 --out shares                   fiv merge fig5 a b --out shares: of jobs with --out a and --out b
 
     Missing shares are named; what they would have computed is pending until they have run and all is merged again.
     """  # noqa: D301 - the backspace tells click to keep the lines

@@ -29,7 +29,7 @@ def slowly(self, points):
     late = next(calls) > 5
     while late and not os.path.exists('go'):
         time.sleep(0.02)
-    time.sleep(0.4 * len(points['mu']))
+    time.sleep(0.4 * len(points['x']))
     return compute(self, points)
 Task.compute = slowly
 sys.argv = ['fiv', *sys.argv[1:]]
@@ -38,11 +38,11 @@ main()
 
 
 def begun(folder, *arguments):
-    """A slow run of `fig5`, once it has finished its first batches."""
+    """A slow run of a study, once it has finished its first batches."""
     command = [sys.executable, "-c", SLOW, *arguments]
     running = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     until = time.monotonic() + 60.0
-    store = Store(folder / "results" / "fig5" / "fig5.nc")
+    store = Store(folder / "results" / "squares" / "squares.nc")
     while len(store.part_names()) < 4:
         assert running.poll() is None
         assert time.monotonic() < until
@@ -50,12 +50,12 @@ def begun(folder, *arguments):
     return running
 
 
-def test_ctrl_c_is_exit_130_and_the_same_command_goes_on(tmp_path, here):
+def test_ctrl_c_is_exit_130_and_the_same_command_goes_on(tmp_path, own, here):
     """Other shells see the run meanwhile, and a second run is refused."""
-    run = ("run", "fig5", "--set", "mu=0:0.5:31", "-q")
+    run = ("run", "own.py", "--set", "x=3:33:31", "--set", "kind=plain", "-q")
     running = begun(tmp_path, *run)
-    status = json.loads(here("status", "fig5", "--json").stdout)
-    text, second = here("status", "fig5").stdout, here(*run)
+    status = json.loads(here("status", "squares", "--json").stdout)
+    text, second = here("status", "squares").stdout, here(*run)
     running.send_signal(signal.SIGINT)
     (tmp_path / "go").touch()
     _, said = running.communicate(timeout=120)
@@ -64,13 +64,14 @@ def test_ctrl_c_is_exit_130_and_the_same_command_goes_on(tmp_path, here):
     assert (status["run"]["pid"], status["run"]["todo"]) == (running.pid, 31)
     assert f"process {running.pid} on " in text
     assert (second.returncode, second.stderr.count("\n")) == (3, 1)
-    assert re.search(rf"fig5.nc is being written by process {running.pid} on .*, begun 20", second.stderr)
+    assert re.search(rf"squares.nc is being written by process {running.pid} on .*, begun 20", second.stderr)
     assert running.returncode == 130
-    again = "go on from there with: fiv run fig5 --set mu=0:0.5:31 -q"
+    again = "go on from there with: fiv run own.py --set x=3:33:31 --set kind=plain -q"
     stored = re.fullmatch(rf"fiv: interrupted; (\d+) of 31 computations are stored; {again}", said.strip())
     assert stored
-    assert here("status").stdout.splitlines()[1].split()[:6] == [
-        "fig5",
+    assert here("status").stdout.splitlines()[1].split()[:7] == [
+        "squares",
+        "own",
         "study",
         stored[1],
         "of",
@@ -79,9 +80,9 @@ def test_ctrl_c_is_exit_130_and_the_same_command_goes_on(tmp_path, here):
     ]
     # One counting: of the message, of the plan and of the status.
     assert f"cached          {stored[1]}\n" in here("plan", *run[1:-1]).stdout
-    assert json.loads(here("status", "fig5", "--json").stdout)["done"] == int(stored[1])
+    assert json.loads(here("status", "squares", "--json").stdout)["done"] == int(stored[1])
     assert here(*run).returncode == 0
-    assert json.loads(here("status", "fig5", "--json").stdout)["state"] == "complete"
+    assert json.loads(here("status", "squares", "--json").stdout)["state"] == "complete"
 
 
 EARLY = """
