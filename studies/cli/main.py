@@ -59,6 +59,11 @@ def _open_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
+def in_options(text: str) -> str:
+    """A message with options in place of the arguments of Python that it names."""
+    return text.replace("fresh=True", "--fresh").replace("another path", "another folder (--out)")
+
+
 def _code_of(problem: Exception) -> int:
     """Print what went wrong in one line, of a fault of our own with its traceback; its exit code."""
     names = {kind.__name__ for kind in type(problem).__mro__ if kind.__module__.startswith(("fivcore", "sweeps"))}
@@ -76,7 +81,9 @@ def _code_of(problem: Exception) -> int:
         code, text = 2, "something is nested too deeply; -v shows where"
     elif isinstance(problem, OSError) and code == INTERNAL and problem.filename is not None:
         code, text = 3, f"{problem.filename}: {problem.strerror}"
-    elif code == INTERNAL:
+    elif code != INTERNAL:
+        text = in_options(text)
+    else:
         text = f"internal error: {type(problem).__name__}; please report it with the lines above"
     if code == INTERNAL or (FLAGS["verbose"] and not isinstance(problem, click.ClickException)):
         show("".join(format_exception(problem)).rstrip("\n"), err=True)
