@@ -16,10 +16,10 @@ import xarray as xr
 from netCDF4 import default_fillvals
 from numpy.typing import NDArray
 
-from sweeps.errors import HINT_MOVE, UNREADABLE, DamagedError, StoreError
+from sweeps.errors import HINT_MOVE, UNREADABLE, DamagedError, InputError, StoreError
 from sweeps.grid import DONE, FAILED, PENDING, REAL, SKIPPED, Axis, Grid, Variable, block_shape, flag_attributes
 from sweeps.storage.parts import BatchResult, Coverage, Failure, Manifest, PartSource
-from sweeps.storage.store import is_held
+from sweeps.storage.store import check_trailer, is_held
 
 # Larger variables are assembled in blocks of this size, bytes.
 LARGE = 32_000_000
@@ -27,16 +27,24 @@ LARGE = 32_000_000
 ERROR_CHARACTERS, LEAST_CHARACTERS = 30_000_000, 60
 # Number of failures whose tracebacks are stored.
 MOST_TRACEBACKS = 1000
+DAMAGED = f"is damaged or not netCDF; {HINT_MOVE}"
 
 Indices = NDArray[np.signedinteger[Any]]
 
 
 def open_netcdf(path: Path, **options: Any) -> xr.Dataset:
-    """Open a netCDF file; damage raises one of UNREADABLE. No sweep has dates, so that none are decoded."""
+    """Open a netCDF file, of which no variable is a date; an InputError says what is wrong with it."""
+    if not path.is_file():
+        raise InputError(f"is not a regular file; {HINT_MOVE}")
     try:
         return xr.open_dataset(path, engine="netcdf4", decode_times=False, **options)
-    except AttributeError as problem:  # of the netCDF library, for an attribute that it cannot read
-        raise OSError(str(problem)) from None
+    except PermissionError:
+        raise InputError("cannot be read: permission is missing, or another program has it open") from None
+    except (AttributeError, *UNREADABLE):  # the netCDF library raises AttributeError, too
+        if (held := is_held(path)) is None:
+            raise InputError("cannot be locked, as HDF5 wants to; set HDF5_USE_FILE_LOCKING=FALSE") from None
+        what = "is locked or open in another program; close it there" if held else DAMAGED
+        raise InputError(what) from None
 
 
 def check_present(variable: xr.Variable) -> None:
@@ -48,19 +56,6 @@ def check_present(variable: xr.Variable) -> None:
         return
     if np.any(variable.values == np.asarray(default_fillvals[kind], kind)):
         raise OSError("values are lost")
-
-
-def fault(path: Path, problem: BaseException) -> str:
-    """What is wrong with a file that cannot be opened or read, and what to do."""
-    if isinstance(problem, PermissionError):
-        return "cannot be read: permission is missing, or another program has it open"
-    if (held := is_held(path)) is None:
-        return "cannot be locked, as HDF5 wants to; set HDF5_USE_FILE_LOCKING=FALSE"
-    return (
-        "is locked or open in another program; close it there"
-        if held
-        else f"is damaged or not netCDF; {HINT_MOVE}"
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +70,7 @@ class FileSource:
     @cached_property
     def data(self) -> xr.Dataset:
         """The open file, with integers as they are stored."""
+        check_trailer(self.path)
         return open_netcdf(self.path, cache=False, mask_and_scale=False)
 
     def coverage(self, manifest: Manifest) -> Coverage:
@@ -92,8 +88,10 @@ class FileSource:
         try:
             part = self.data[name].variable[box]
             check_present(part)
-        except UNREADABLE as problem:
-            raise StoreError(f"{self.path} {fault(self.path, problem)}") from None
+        except InputError as problem:
+            raise StoreError(f"{self.path} {problem}") from None
+        except UNREADABLE:
+            raise StoreError(f"{self.path} {DAMAGED}") from None
         return np.asarray(part.values[tuple(each - cut.start for cut, each in zip(box, index, strict=True))])
 
     @property

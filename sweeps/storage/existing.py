@@ -15,19 +15,19 @@ from sweeps.errors import UNREADABLE, DamagedError, InputError, MissingFileError
 from sweeps.fingerprint.identity import differences
 from sweeps.grid import Axis, Grid, axis_values
 from sweeps.storage.assemble import (
+    DAMAGED,
     FileSource,
     Source,
     Table,
     assemble,
     check_present,
-    fault,
     open_netcdf,
     restore_types,
 )
-from sweeps.storage.netcdf import check_trailer, described
+from sweeps.storage.netcdf import described
 from sweeps.storage.parts import Manifest, PartSource
 from sweeps.storage.shares import shares_of
-from sweeps.storage.store import Store, signature
+from sweeps.storage.store import Store, check_trailer, signature
 
 # A file up to this size is read at once, so that it can be replaced meanwhile.
 READ_AT_ONCE = 50_000_000
@@ -108,7 +108,7 @@ def _check_name(place: Path, owner: str | None, name: str) -> None:
     """Refuse the results of anything but the sweep `name`, which are never overwritten."""
     if owner != name:
         whose = f"has the results of {owner}" if owner else "was not made by a sweep"
-        raise StoreError(f"{place} {whose}; the results of {name} need another folder")
+        raise StoreError(f"{place} {whose}; the results of {name} need another path")
 
 
 def _finished(store: Store, name: str, fingerprint: dict[str, Any], *, code: bool = True) -> Existing:
@@ -132,7 +132,7 @@ def _finished(store: Store, name: str, fingerprint: dict[str, Any], *, code: boo
 def _own_file(store: Store, name: str) -> xr.Dataset:
     """The open file of the sweep `name`."""
     try:
-        data = _open(store.file, cache=False)
+        data = open_netcdf(store.file, cache=False)
     except InputError as problem:
         raise StoreError(f"{store.file} {problem}") from None
     try:
@@ -141,16 +141,6 @@ def _own_file(store: Store, name: str) -> xr.Dataset:
         data.close()
         raise
     return data
-
-
-def _open(path: Path, **options: Any) -> xr.Dataset:
-    """Open a file; an InputError tells what is wrong with it."""
-    if not path.is_file():
-        raise InputError(f"is not a regular file; {errors.HINT_MOVE}")
-    try:
-        return open_netcdf(path, **options)
-    except UNREADABLE as problem:
-        raise InputError(fault(path, problem)) from None
 
 
 def _check_same(
@@ -189,7 +179,7 @@ def opened(path: str | Path, *, load: bool = True) -> xr.Dataset:
     if not store.file.exists():
         raise MissingFileError(f"{path}: there is no such file")
     try:
-        data = _open(store.file)
+        data = open_netcdf(store.file)
     except InputError as problem:
         raise InputError(f"{path}: it {problem}") from None
     try:
@@ -217,8 +207,8 @@ def _loaded(data: xr.Dataset, path: Path, axes: Sequence[str]) -> xr.Dataset:
                 check_present(data[name].load().variable)
     except StoreError as problem:
         raise InputError(str(problem)) from None
-    except UNREADABLE as problem:
-        raise InputError(f"{path}: it {fault(path, problem)}") from None
+    except UNREADABLE:
+        raise InputError(f"{path}: it {DAMAGED}") from None
     finally:
         if at_once or not axes:
             data.close()

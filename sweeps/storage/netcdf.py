@@ -1,25 +1,21 @@
 """The CF netCDF file of a sweep: written under a temporary name, with HDF5's checksums, and renamed."""
 
 import json
-import zlib
 from collections.abc import Callable
 from contextlib import suppress
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import dask
 import xarray as xr
 
-from sweeps.errors import HINT_MOVE, UNREADABLE, StoreError, reason
+from sweeps.errors import UNREADABLE, StoreError, reason
 from sweeps.grid import block_shape
 from sweeps.storage.assemble import LARGE, FileSource, Table, assemble, open_netcdf
 from sweeps.storage.parts import Manifest
 from sweeps.storage.store import Store, replacing
 
 Derive = Callable[[xr.Dataset], xr.Dataset]
-# Earlier versions wrote this and eight hexadecimal digits behind everything that netCDF reads.
-TRAILER, BLOCK = b"\nsweeps CRC-32 ", 1 << 20
 # Bytes of a chunk: a reader of one point should not read a hundred others.
 CHUNK_BYTES, MOST_CHUNK_BYTES = 1 << 18, 1 << 22
 
@@ -39,8 +35,6 @@ def write(store: Store, table: Table, derive: Derive | None) -> None:
     """Write the file of a sweep and replace the previous one; an error of `derive` is raised when that is done."""
     manifest, problem = table.manifest, None
     files = [source for source in table.sources if isinstance(source, FileSource)]
-    for each in files:
-        check_trailer(each.path)
     data = assemble(table, lazy=True)
     before = ""
     if not manifest.fresh:
@@ -98,19 +92,3 @@ def _encoding(data: xr.Dataset, manifest: Manifest) -> dict[str, dict[str, Any]]
         chosen["_FillValue"] = None
         chosen |= {key: variable.encoding[key] for key in ("dtype", "missing_value") if key in variable.encoding}
     return encoding
-
-
-def check_trailer(path: Path) -> None:
-    """Raise a StoreError if an earlier version has written the checksum of another content behind a file's own."""
-    with open(path, "rb") as file:
-        size, check = file.seek(0, 2) - len(TRAILER) - 8, 0
-        file.seek(max(size, 0))
-        last = file.read()
-        # A flipped bit of the marker itself leaves the rest of it.
-        if sum(a == b for a, b in zip(last, TRAILER, strict=False)) < len(TRAILER) - 1:
-            return
-        file.seek(0)
-        for begin in range(0, size, BLOCK):
-            check = zlib.crc32(file.read(min(BLOCK, size - begin)), check)
-    if last != TRAILER + b"%08x" % check:
-        raise StoreError(f"{path} is damaged: its checksum does not match; {HINT_MOVE}")

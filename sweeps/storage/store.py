@@ -23,6 +23,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
+from zlib import crc32
 
 from filelock import FileLock, Timeout, lock_descriptor
 
@@ -33,6 +34,10 @@ PART = re.compile(r"(\d{6,})-[0-9a-f]{8}\.part")
 LEFT = re.compile(rf"manifest(\.copy)?|progress\.json|{PART.pattern}|\..*|desktop\.ini|Thumbs\.db", re.IGNORECASE)
 # What a file system answers that cannot wait for a file or a folder, or lets nobody open a folder.
 NO_FSYNC = {errno.EINVAL, errno.EBADF, errno.ENOTSUP, errno.ENOSYS, errno.EACCES, errno.EPERM, errno.EISDIR}
+# Earlier versions wrote this and eight hexadecimal digits behind everything that netCDF reads. It is checked in files
+# up to this size; of larger ones, as of those of today, HDF5 checks the numbers.
+TRAILER, MOST_CHECKED = b"\nsweeps CRC-32 ", 1 << 28
+TRAILER_SIZE = len(TRAILER) + 8
 # s. A reader that tests the lock holds it for a moment.
 LOCK_TIMEOUT = 0.2
 
@@ -86,6 +91,17 @@ def check_regular(path: Path) -> None:
     """Raise an `OSError` unless there is a regular file: opening a pipe would block."""
     if not stat.S_ISREG(os.stat(path).st_mode):
         raise OSError(errno.EINVAL, f"{path.name} is not a regular file")
+
+
+def check_trailer(path: Path) -> None:
+    """Raise a StoreError if an earlier version has written the CRC-32 of another content behind a file's own."""
+    if path.stat().st_size > MOST_CHECKED:
+        return
+    content, last = (whole := path.read_bytes())[:-TRAILER_SIZE], whole[-TRAILER_SIZE:]
+    # A flipped bit of the marker itself leaves the rest of it.
+    marked = sum(a == b for a, b in zip(last, TRAILER, strict=False)) >= len(TRAILER) - 1
+    if marked and last != TRAILER + b"%08x" % crc32(content):
+        raise StoreError(f"{path} is damaged: its checksum does not match; {HINT_MOVE}")
 
 
 def signature(path: Path) -> tuple[int, ...]:
