@@ -34,7 +34,7 @@ PART = re.compile(r"(\d{6,})-[0-9a-f]{8}\.part")
 LEFT = re.compile(rf"manifest(\.copy)?|progress\.json|{PART.pattern}|\..*|desktop\.ini|Thumbs\.db", re.IGNORECASE)
 # What a file system answers that cannot wait for a file or a folder, or lets nobody open a folder.
 NO_FSYNC = {errno.EINVAL, errno.EBADF, errno.ENOTSUP, errno.ENOSYS, errno.EACCES, errno.EPERM, errno.EISDIR}
-# Earlier versions wrote this and eight hexadecimal digits behind everything that netCDF reads. It is checked in files
+# Earlier versions wrote this and eight hexadecimal digits behind all that netCDF reads. It is checked in files
 # up to this size; of larger ones, as of those of today, HDF5 checks the numbers.
 TRAILER, MOST_CHECKED = b"\nsweeps CRC-32 ", 1 << 28
 TRAILER_SIZE = len(TRAILER) + 8
