@@ -193,14 +193,7 @@ class UnusualWarning(UserWarning):
 
 
 def unusual(values: Mapping[str, Any], requested: Any) -> list[str]:
-    """A line for each requested value that a rig like this hardly has; 0 is usual for all.
-
-    Parameters
-    ----------
-    values : mapping of str to array_like
-    requested : container of str
-        Names that the request gives; only these are checked.
-    """
+    """Describe each value outside its usual range among those that are `requested`, by name; 0 is always usual."""
     lines = []
     for name, value in values.items():
         kind = name.removeprefix("p1_").removeprefix("p2_")

@@ -449,28 +449,14 @@ def _build(numbers: Mapping[str, Any], takes: set[str]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Call:
-    """How a study's function is called with a batch of points.
-
-    Attributes
-    ----------
-    function : callable
-    common : tuple of str
-        Parameters that vary and that all points of one call share.
-    normalised : bool
-    parameters : tuple of str
-    shapes : mapping of str to tuple of int
-        Of each output at a point.
-    times : ndarray or None
-        Of recorded series, s.
-    followed : str
-    """
+    """How a study's function is called with a batch of points."""
 
     function: Callable[..., Mapping[str, Any]]
-    common: tuple[str, ...]
+    common: tuple[str, ...]  # parameters that vary and that all points of one call share
     normalised: bool
     parameters: tuple[str, ...]
-    shapes: Mapping[str, tuple[int, ...]]
-    times: NDArray[Any] | None
+    shapes: Mapping[str, tuple[int, ...]]  # of each output at a point
+    times: NDArray[Any] | None  # of recorded series, s
     followed: str = ""
 
     def arguments(self, numbers: Mapping[str, Any], count: int) -> dict[str, Any]:

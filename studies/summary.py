@@ -27,19 +27,9 @@ WIDTH = 100
 
 
 def frame(dataset: xr.Dataset, names: Sequence[str], along: str | Sequence[str] | None = None) -> pd.DataFrame:
-    """A table of some variables in a reader's units.
+    """A table of variables and coordinates in a reader's units: heads are like "V mm/s", flags are words.
 
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-    names : sequence of str
-        Variables and coordinates, one column each; heads are like "V mm/s", flags are words.
-    along : str or sequence of str, optional
-        Dimensions of the rows, by default those that the variables have.
-
-    Returns
-    -------
-    pandas.DataFrame
+    `along` has the dimensions of the rows, by default those that the variables have.
     """
     import pandas as pd
     import xarray as xr

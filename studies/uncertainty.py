@@ -147,7 +147,9 @@ def _frozen(kind: str, *numbers: float) -> Any:
     first, *_, last = numbers
     if kind not in KINDS:
         found = getattr(scipy.stats, kind)(*numbers)
-        if not np.all(np.isfinite(found.ppf([0.01, 0.5, 0.99]))):
+        with np.errstate(invalid="ignore"):
+            ends = found.ppf([0.01, 0.5, 0.99])
+        if not np.all(np.isfinite(ends)):
             raise InputError("these numbers define no distribution")
         return found
     names = KINDS[kind]

@@ -6,11 +6,12 @@ import zlib
 # What reading a damaged or foreign file raises; netCDF4 reports damage as a RuntimeError.
 UNREADABLE = (OSError, ValueError, KeyError, RuntimeError, EOFError, zipfile.BadZipFile, zlib.error)
 
-# What a user may do, as messages say it.
-FRESH = "start over (--fresh)"
-OTHER = "choose another folder"
-ANEW = f"{OTHER} (--out), or {FRESH}"
-MOVE = f"move it away or {OTHER}"
+# What a user may do. Messages are for Python; the command line replaces its arguments by options.
+HINT_START_OVER = "start over (fresh=True)"
+HINT_OTHER_PATH = "choose another path"
+HINT_EITHER = f"{HINT_OTHER_PATH}, or {HINT_START_OVER}"
+HINT_ADOPT = "keep them with adopt=20 if 20 stored points, computed again, agree"
+HINT_MOVE = f"move it away, or {HINT_OTHER_PATH}"
 
 
 def reason(problem: BaseException) -> str:
@@ -61,6 +62,10 @@ class PendingWarning(UserWarning):
 
 class InputError(ValueError):
     """An argument is unusable; the message names it, its value and what would do."""
+
+
+class UndeclaredError(InputError):
+    """A function returns a result that its sweep does not declare; no point is blamed for it."""
 
 
 class MissingFileError(InputError, FileNotFoundError):

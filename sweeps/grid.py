@@ -30,7 +30,9 @@ STATUS_FLAGS = {PENDING: "pending", DONE: "done", FAILED: "failed", SKIPPED: "sk
 # Points of a refined sweep only.
 INTERPOLATED_FLAG = {INTERPOLATED: "interpolated"}
 
-DTYPES = ("float64", "float32", "int8", "int16", "int32", "int64", "bool", "complex128")
+DTYPES = ("float64", "float32", "int8", "int16", "int32", "int64", "bool", "complex128", "str")
+# Bytes of a text where sizes are estimated.
+TEXT_BYTES = 32
 # Long names of real parts begin with this.
 REAL = "real part of "
 # What a sweep's file contains besides axes and results; names that begin with `failure_` are reserved as well.
@@ -44,8 +46,9 @@ class Axis:
     Parameters
     ----------
     values : array_like, (n,)
-        Numbers or strings; at least one, all finite. Floats are rounded to 15 significant digits, so that 0.3 is
-        the same point however it was computed.
+        Numbers or strings; at least one, all finite. Floats of any width become float64, rounded to 15 significant
+        digits, so that 0.3 is the same point however it was computed. A narrower one is taken for the shortest
+        decimal that denotes it: np.float32(0.1) is 0.1, not 0.10000000149.
     units, long_name : str
         As UDUNITS reads them, "1" for a pure number; description for the file and figures.
     """
@@ -56,17 +59,15 @@ class Axis:
 
     def __post_init__(self) -> None:
         values = np.atleast_1d(np.asarray(self.values))
-        if values.dtype.kind == "O" and values.size and all(isinstance(each, str) for each in values.flat):
+        if is_text(values):
             values = values.astype(str)
         if values.ndim != 1 or values.size == 0:
             raise InputError(f"Axis: values of shape {values.shape}: they must be a list with one or more")
         if values.dtype.kind not in "biufU":
             raise InputError(f"Axis: values = {self.values!r}: they must be numbers or strings")
-        if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):
-            values = values.astype(float)  # netCDF has these two
         if values.dtype.kind == "f" and not np.all(np.isfinite(values)):
             raise InputError(f"Axis: values contain {values[~np.isfinite(values)][0]}: all must be finite")
-        values = _decimal(values) if values.dtype == float else values.copy()
+        values = axis_values(values).copy()
         values.setflags(write=False)
         object.__setattr__(self, "values", values)
 
@@ -74,7 +75,13 @@ class Axis:
         return len(self.values)
 
 
-def _decimal(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def axis_values(values: NDArray[Any]) -> NDArray[Any]:
+    """Values as an axis has them: floats of any width as the float64 of their decimals, others as they are."""
+    if values.dtype.kind != "f":
+        return values
+    if values.dtype.itemsize < 8:
+        return values.astype("U32").astype(float)
+    values = values.astype(float)
     shift = DIGITS - 1 - np.floor(np.log10(np.abs(values), where=values != 0.0, out=np.zeros(values.shape)))
     power = 10.0 ** np.clip(shift, 0.0, 22.0)  # these powers of ten are exact
     product = values * power
@@ -95,8 +102,10 @@ class Variable:
     dims : tuple of str
         Dimensions besides the grid's; their coordinates are the sweep's `coords`.
     dtype : str
-        One of DTYPES; missing entries are NaN. The file marks a missing integer by the least value of its type,
-        which a result therefore must not have. It stores a complex variable `x` as `x_real` and `x_imag`.
+        One of DTYPES; missing entries are NaN. Of integers a file marks missing ones by the least value of the
+        type, and netCDF lost ones by the next, so that no result may be one of the two. A complex variable `x` is
+        stored as `x_real` and `x_imag`. Of texts, missing ones are "", and each takes the room of the longest.
+        Whole numbers and truth values may become floats; texts must be declared.
     digits : int, optional
         Significant decimal digits of a float; further ones are rounded away, so that compression works.
     scale : str
@@ -125,7 +134,7 @@ class Variable:
         if self.digits is not None and not (type(self.digits) is int and 1 <= self.digits <= 15):
             raise InputError(f"Variable: digits = {self.digits!r}: it must be an integer from 1 to 15")
         if (flags := self.flags) is not None:
-            lowest = self.missing if np.dtype(self.dtype).kind == "i" else math.inf
+            lowest = self.missing + 1 if np.dtype(self.dtype).kind == "i" else math.inf
             codes = all(isinstance(code, (int, np.integer)) and code > lowest for code in flags)
             if not (flags and codes and all(isinstance(word, str) and word for word in flags.values())):
                 rule = "it must be a dict of int to str, with an integer dtype"
@@ -138,9 +147,20 @@ class Variable:
         return np.dtype(self.dtype).kind in "fc"
 
     @property
-    def missing(self) -> float:
+    def missing(self) -> Any:
         """The value where there is no result; of the types that a file can have."""
+        if self.dtype == "str":
+            return ""
         return math.nan if np.dtype(self.dtype).kind == "f" else int(np.iinfo(self.dtype).min)
+
+    @property
+    def itemsize(self) -> int:
+        """Bytes of a value; of a text a guess."""
+        return TEXT_BYTES if self.dtype == "str" else np.dtype(self.dtype).itemsize
+
+    def absent(self, shape: tuple[int, ...]) -> NDArray[Any]:
+        """An array without results; texts are objects, so that each may have any length."""
+        return np.full(shape, self.missing, object if self.dtype == "str" else self.dtype)
 
     def stored(self, name: str) -> "dict[str, Variable]":
         """The variables by which a file represents this one, by name: netCDF has no complex and no bool."""
@@ -228,9 +248,10 @@ class Grid:
         return {name: axis.values[along[self.dim_of(name)]] for name, axis in self.axes.items()}
 
     def locate(self, points: Points) -> NDArray[np.intp]:
-        """Flat indices of points that the grid has."""
-        indexers = [self._index(group).get_indexer(self._index(group, points)) for group in self.groups]
-        return np.asarray(np.ravel_multi_index(indexers, self.shape))
+        """Flat indices of points that the grid has; an InputError if it lacks one."""
+        columns = {name: axis_values(np.asarray(points[name])) for name in self.axes}
+        along = [self._positions(group, columns) for group in self.groups]
+        return np.asarray(np.ravel_multi_index(along, self.shape))
 
     def mask(self) -> NDArray[np.bool_]:
         """False at the points that `skip` leaves out."""
@@ -244,11 +265,12 @@ class Grid:
         return mask
 
     def align(self, other: "Grid") -> "Alignment":
-        """Positions of the points of `other`, a grid of the same axes, in this one."""
+        """Positions of the points of `other`, a grid of the same axes, in this one, which has all of them."""
         indexers: list[NDArray[np.intp] | slice] = []
         for group in self.groups:
-            equal = all(np.array_equal(self.axes[name].values, other.axes[name].values) for name in group)
-            indexers.append(slice(None) if equal else self._index(group).get_indexer(other._index(group)))
+            values = {name: other.axes[name].values for name in group}
+            equal = all(np.array_equal(self.axes[name].values, each) for name, each in values.items())
+            indexers.append(slice(None) if equal else self._positions(group, values))
         return Alignment(other.shape, self.shape, tuple(indexers))
 
     def union(self, other: "Grid") -> "Grid":
@@ -258,32 +280,35 @@ class Grid:
         """
         axes = dict(other.axes)
         for group in self.groups:
-            own, requested = self._index(group), other._index(group)
-            new = own.get_indexer(requested) < 0
-            columns = [np.concatenate([self.axes[n].values, other.axes[n].values[new]]) for n in group]
-            order = np.arange(len(columns[0]))
-            if own.is_monotonic_increasing and requested.is_monotonic_increasing:
-                order = np.lexsort(columns[::-1])
-            elif own.is_monotonic_decreasing and requested.is_monotonic_decreasing:
-                order = np.lexsort(columns[::-1])[::-1]
-            for name, values in zip(group, columns, strict=True):
-                # A file has no bool, and may have integers where the request has floats.
-                same = values[order].astype(axes[name].values.dtype)
-                exact = np.array_equal(same, values[order])
-                axes[name] = replace(axes[name], values=same if exact else values[order])
+            both = self._index(group), other._index(group)
+            union = both[0].union(both[1], sort=False)
+            if all(each.is_monotonic_increasing for each in both):
+                union = union.sort_values()
+            elif all(each.is_monotonic_decreasing for each in both):
+                union = union.sort_values(ascending=False)
+            for level, name in enumerate(group):
+                axes[name] = replace(axes[name], values=union.get_level_values(level).to_numpy())
         return replace(other, axes=axes)
 
     def _index(self, group: Sequence[str], points: Points | None = None) -> Any:
         columns = [self.axes[name].values if points is None else points[name] for name in group]
         return pd.Index(columns[0]) if len(columns) == 1 else pd.MultiIndex.from_arrays(columns)
 
+    def _positions(self, group: Sequence[str], points: Points) -> NDArray[np.intp]:
+        """Positions of rows of values along the dimension of a group."""
+        requested = self._index(group, points)
+        found: NDArray[np.intp] = self._index(group).get_indexer(requested)
+        if np.any(found < 0):
+            raise InputError(f"Grid: {', '.join(group)} has no value {requested[np.argmin(found)]}")
+        return found
+
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """Positions of the points of one grid in another, by value.
+    """Positions of the points of one grid in another that has all of them, by value.
 
     `inner` and `outer` are the shapes of the two. `indexers` has, for each dimension, the positions of the inner
-    grid's values in the outer one, -1 where there is none; a slice of all where both have the same values.
+    grid's values in the outer one; a slice of all where both have the same values.
     """
 
     inner: tuple[int, ...]
@@ -297,17 +322,22 @@ class Alignment:
 
     @property
     def index(self) -> tuple[NDArray[np.intp], ...]:
-        """Index of the inner grid's points in an array of the outer shape, if that has all of them."""
+        """Index of the inner grid's points in an array of the outer shape."""
         return np.ix_(*(np.arange(n)[each] for n, each in zip(self.outer, self.indexers, strict=True)))
 
     def __call__(self, points: NDArray[Any]) -> NDArray[Any]:
-        """Flat indices in the outer grid of points of the inner one; -1 where it does not have them."""
+        """Flat indices in the outer grid of points of the inner one."""
         if self.identical:
             return points
         index = np.unravel_index(points, self.inner)
         along = [k if isinstance(each, slice) else each[k] for k, each in zip(index, self.indexers, strict=True)]
-        flat = np.ravel_multi_index(along, self.outer, mode="clip")
-        return np.where(np.logical_and.reduce([each >= 0 for each in along]), flat, -1)
+        return np.asarray(np.ravel_multi_index(along, self.outer))
+
+
+def is_text(values: NDArray[Any]) -> bool:
+    """Whether the entries of an array are strings."""
+    strings = values.dtype.kind == "O" and values.size > 0 and all(isinstance(each, str) for each in values.flat)
+    return values.dtype.kind in "UT" or strings
 
 
 def first_equal(columns: Columns) -> NDArray[np.intp]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sweeps.errors import ANEW, InputError, StoreError
+from sweeps.errors import HINT_EITHER, InputError, StoreError
 from sweeps.grid import Axis, Grid, check_counts
 
 METHODS = ("sobol", "latin", "random")
@@ -116,4 +116,4 @@ def check_same_draws(file: Path, present: Grid, requested: Grid) -> None:
         there, here = present.axes[name].values[:count], requested.axes[name].values[:count]
         for k in np.flatnonzero(there != here)[:1]:
             differ = f"{name} = {there[k]} there, {here[k]} here, at {number} = {requested.axes[number].values[k]}"
-            raise StoreError(f"{file} has other points: {differ}; {ANEW}")
+            raise StoreError(f"{file} has other points: {differ}; {HINT_EITHER}")

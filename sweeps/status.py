@@ -150,11 +150,11 @@ def status(path: str | Path) -> Status:
     # Without a usable manifest the run has finished, perhaps meanwhile, or the file explains what is wrong.
     with suppress(*UNREADABLE):
         if (manifest := unfinished(store)) is not None:
-            codes = Table(manifest, sources_of(store, manifest, complete=False)).status
+            codes = Table(manifest, sources_of(store, manifest)).status
             points, first = codes.size, manifest.representative
             codes = codes if first is None else codes[(first < 0) | (first == np.arange(points))]
     if codes is None:
-        points = (codes := opened(path)["status"].values).size
+        points = (codes := opened(path, load=False)["status"].values).size
         state = "incomplete" if np.any(codes == 0) else "complete"
     words = STATUS_FLAGS | INTERPOLATED_FLAG
     counts = {word: int(np.count_nonzero(codes == code)) for code, word in words.items()}
@@ -164,4 +164,4 @@ def status(path: str | Path) -> Status:
 def check_free(path: str | Path) -> None:
     """Refuse a store that a run is writing: a LockedError names that run."""
     if (store := Store(path)).is_locked():
-        raise store.taken()
+        raise store.locked_error()

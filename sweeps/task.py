@@ -2,8 +2,6 @@
 
 import inspect
 import pkgutil
-import re
-import sys
 import threading
 import time
 import traceback
@@ -18,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from sweeps.errors import UndeclaredError
 from sweeps.fingerprint.provenance import environment
-from sweeps.grid import Grid, Points, Variable
+from sweeps.grid import Grid, Points, Variable, is_text
 from sweeps.storage.assemble import rounded
 from sweeps.storage.parts import BatchResult, Failure
 
@@ -56,8 +55,10 @@ class Pointwise:
             # A point that failed has the results of any other, which are not looked at.
             ends = iter(rows)
             every = [next(ends) if error is None else rows[0] for error in errors]
-            named = isinstance(rows[0], Mapping)
-            results |= {name: [row[name] for row in every] for name in rows[0]} if named else {VALUE: every}
+            if not isinstance(rows[0], Mapping):
+                return results | {VALUE: every}
+            names = dict.fromkeys(name for row in rows for name in row)
+            results |= {name: [row.get(name) for row in every] for name in names}
         return results
 
 
@@ -112,13 +113,15 @@ class Task:
     def _missing(self, points: Points) -> BatchResult:
         count = len(next(iter(points.values())))
         shapes = {k: self.shapes[name] for name, each in self.variables.items() for k in each.stored(name)}
-        values = {k: np.full((count, *shapes[k]), v.missing, dtype=v.dtype) for k, v in self.stored.items()}
+        values = {k: v.absent((count, *shapes[k])) for k, v in self.stored.items()}
         return BatchResult(values, np.zeros(count), environment=environment(self.libraries))
 
     def _fill(self, result: BatchResult, every: Points, begin: int, end: int) -> None:
         start = time.perf_counter()
         try:
             returned, errors, times = self._call({name: values[begin:end] for name, values in every.items()})
+        except UndeclaredError:
+            raise  # it is the sweep's fault, not a point's
         except (Exception, SystemExit) as problem:  # noqa: BLE001 - stored with the point
             if end - begin > 1:
                 middle = (begin + end) // 2
@@ -146,7 +149,7 @@ class Task:
         error = _writable(f"{type(problem).__name__}: {text}" if text else type(problem).__name__)
         shortened = error if len(error) <= MOST_CHARACTERS else f"{error[: MOST_CHARACTERS - 3]}..."
         point = {name: values[row].item() for name, values in every.items()}
-        again = self.rerun(point) if self.rerun else call_line(self.function, point, self.constants)
+        again = "" if self.rerun is None else self.rerun(point)
         result.failures[row] = Failure(shortened, _writable("".join([*lines, error])), _writable(again))
         for name, values in result.values.items():
             values[row] = self.stored[name].missing
@@ -158,7 +161,9 @@ class Task:
         if not isinstance(returned, Mapping):
             returned = {VALUE: returned}
         if len(self.variables) == 1 and VALUE in returned:
-            returned = {next(iter(self.variables)): returned[VALUE]} | returned
+            returned = dict(returned)
+            returned.setdefault(next(iter(self.variables)), returned.pop(VALUE))
+        self._check_declared(returned)
         errors = None if returned.get(ERROR) is None else list(returned[ERROR])
         for error in errors or ():
             if not (error is None or isinstance(error, Exception)):
@@ -175,27 +180,63 @@ class Task:
             values, expected = np.asarray(returned[name]), (count, *self.shapes[name])
             if values.shape != expected:
                 raise ValueError(f"{who} {name!r} of shape {values.shape}; it must be {expected}")
+            if variable.dtype == "str":
+                # An array of texts and NaN would have the text "nan".
+                texts = np.asarray(returned[name], dtype=object)
+                results[name] = np.frompyfunc(_text, 1, 1)(texts)
+                continue
             if not fits(values, np.dtype(variable.dtype)):
-                raise ValueError(f"{who} {name!r} of type {values.dtype}, which does not fit {variable.dtype}")
+                other = f"; it may be declared as {how}" if (how := declaration(values)) else ""
+                raise ValueError(
+                    f"{who} {name!r} of type {values.dtype}, which does not fit {variable.dtype}{other}"
+                )
             parts = [values.real, values.imag] if variable.dtype == "complex128" else [values]
             for (k, v), part in zip(variable.stored(name).items(), parts, strict=True):
                 results[k] = rounded(part.astype(v.dtype, copy=False), v.digits)
         return results, errors, times
 
+    def _check_declared(self, returned: Mapping[str, Any]) -> None:
+        """Refuse results that are not declared: they would be lost without a word."""
+        for name in (each for each in returned if each not in (*self.variables, ERROR, WALL_TIME)):
+            what = f"{name!r}, which is not one of its variables, {', '.join(self.variables)}"
+            how = f"declare it, as {name!r}: {declaration(np.asarray(returned[name])) or 'Variable(...)'}"
+            raise UndeclaredError(f"the function of sweep {self.name} returned {what}; {how}, or do not return it")
+
 
 def fits(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
     """Whether a type loses nothing of the values but digits of a float."""
     kind = values.dtype.kind
+    if dtype.kind == "U":
+        return is_text(values)
     if dtype.kind == "c":
         return kind in "biufc"
     if dtype.kind == "b" or kind not in "biuf":
         return dtype.kind == kind == "b"
+    floats = values.astype(float)
     if dtype.kind == "f":
-        wider = kind == "f" and values.dtype.itemsize > dtype.itemsize
-        return not wider or not np.any(np.isfinite(values) & (np.abs(values) > np.finfo(dtype).max))
-    # The least integer marks a missing one; beyond 2^53 a reader's float would lose digits.
+        # Beyond 2^53 a float loses digits of whole numbers.
+        most = np.finfo(dtype).max if kind == "f" else 2**53
+        return not np.any(np.isfinite(floats) & (np.abs(floats) > most))
+    # The two least integers mark missing and lost ones; a reader's integers are floats.
     limit = min(np.iinfo(dtype).max, 2**53)
-    return bool(np.all((np.abs(values.astype(float)) <= limit) & (values == np.rint(values))))
+    return bool(np.all((floats > -limit) & (floats <= limit) & (floats == np.rint(floats))))
+
+
+def declaration(values: NDArray[Any]) -> str:
+    """How to declare a variable that has these values; "" if no type fits."""
+    kinds = {"b": "bool", "i": "int64", "u": "int64", "f": "float64", "c": "complex128", "U": "str"}
+    dtype = kinds.get("U" if is_text(values) else values.dtype.kind, "")
+    options = [f"dtype={dtype!r}"] * (dtype != "float64") + ["dims=..."] * (values.ndim > 1)
+    return f"Variable({', '.join(options)})" if dtype and fits(values, np.dtype(dtype)) else ""
+
+
+def _text(value: Any) -> str:
+    """A text as it is stored, "" where it is missing."""
+    if isinstance(value, str):
+        return _writable(str(value))
+    if value is None or value != value:
+        return ""
+    raise TypeError(f"a result {value!r}: it must be text, or None where there is none")
 
 
 def importable(function: Any) -> Any:
@@ -207,39 +248,6 @@ def importable(function: Any) -> Any:
         found: Any = None if module == "__main__" else pkgutil.resolve_name(f"{module}:{name}")
         return function if inspect.unwrap(found) is inspect.unwrap(function) else None
     return None
-
-
-def call_line(function: Callable[..., Any], point: Mapping[str, Any], constants: Mapping[str, Any]) -> str:
-    """A line of Python that calls a function at one point; "" if it, or a constant, cannot be written so."""
-    if (target := importable(function)) is None:
-        return ""
-    places: list[Any] = []
-    while isinstance(function, partial):
-        places, constants = [*function.args, *places], {**function.keywords, **constants}
-        function = function.func
-    if isinstance(function, Pointwise):
-        constants = {**point, **constants}
-    else:
-        places.append({name: np.array([value]) for name, value in point.items()})
-    if not _is_plain([*places, *constants.values()]):
-        return ""
-    with np.printoptions(threshold=sys.maxsize, linewidth=sys.maxsize, floatmode="unique"):
-        arguments = ", ".join([*map(repr, places), *(f"{key}={value!r}" for key, value in constants.items())])
-    name = target.__qualname__
-    # NumPy writes its arrays, types and what is not finite by their bare names.
-    numpy = "import numpy as np; from numpy import *; " * bool(re.search(r"\b(np|array|nan|inf)\b", arguments))
-    return f"{numpy}from {target.__module__} import {name.partition('.')[0]}; {name}({arguments})"
-
-
-def _is_plain(value: Any) -> bool:
-    """Whether a value is of numbers, strings, arrays and containers of these, whose `repr` is Python."""
-    if isinstance(value, dict):
-        return all(map(_is_plain, [*value, *value.values()]))
-    if type(value) in (list, tuple):
-        return all(map(_is_plain, value))
-    if type(value) is np.ndarray or isinstance(value, np.generic):
-        return value.dtype.kind in "biufcU" and value.size > 0
-    return value is None or type(value) in (bool, int, float, complex, str)
 
 
 class _Blas:

@@ -28,32 +28,12 @@ Known = dict[Path, tuple[Any, Section]]
 def write(
     targets: Sequence[str], out: str | Path | None, file: str | Path | None, tell: Tell, known: Known | None = None
 ) -> Path:
-    """Write the page of some results, or of all of the results folder and of the reference.
+    """Write the page of some results, or of all of the results folder and of the reference, and return its path.
 
-    Parameters
-    ----------
-    targets : sequence of str
-        Studies or maps by name, or paths of netCDF files; all if it is empty.
-    out : str or Path, optional
-        The results folder.
-    file : str or Path, optional
-        The page; by default `report.html` in the results folder.
-    tell : callable
-        Given a line for all results that are the reference's, and for each thing that cannot be shown.
-    known : dict, optional
-        Sections of an earlier page, which are taken where a file is the same; those of this page are added.
-
-    Returns
-    -------
-    Path
-        The page.
-
-    Raises
-    ------
-    InputError
-        For an unknown name, or if nothing can be shown.
-    StoreError
-        If the page cannot be written.
+    `targets` are studies or maps by name, or paths of netCDF files; all if there are none. The page is `file`, by
+    default `report.html` in the results folder. `tell` is given a line for all results that are the reference's,
+    and for each thing that cannot be shown. `known` has sections of an earlier page, taken where a file is the
+    same, and gets those of this page. An `InputError` names an unknown name, or says that nothing can be shown.
     """
     sections, broken = opened(names(targets, out), out, tell, {} if known is None else known)
     if not sections:

@@ -41,15 +41,7 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A stored result.
-
-    Attributes
-    ----------
-    study : Study
-    dataset : xarray.Dataset
-    file : Path
-    status : sweeps.Status
-    """
+    """A stored result."""
 
     study: Study
     dataset: xr.Dataset

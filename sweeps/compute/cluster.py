@@ -15,7 +15,7 @@ import distributed
 from distributed.utils import silence_logging_cmgr
 
 from sweeps.compute.executors import Backend, Payload, Points
-from sweeps.errors import ClusterLostError, SchedulerError, WorkerDied, message
+from sweeps.errors import ClusterLostError, SchedulerError, UndeclaredError, WorkerDied, message
 from sweeps.fingerprint.provenance import environment
 from sweeps.task import BatchSummary
 
@@ -67,6 +67,8 @@ def _translated() -> Iterator[None]:
     """Raise an error of this package for what Dask raises."""
     try:
         yield
+    except UndeclaredError:
+        raise
     except distributed.KilledWorker:
         raise WorkerDied from None
     except (CancelledError, distributed.client.FuturesCancelledError, OSError, TimeoutError):

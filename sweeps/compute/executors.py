@@ -24,11 +24,12 @@ import numpy as np
 from dask.local import SynchronousExecutor
 from numpy.typing import NDArray
 
-from sweeps.errors import ClusterLostError, InputError, SchedulerError, WorkerDied, message
-from sweeps.fingerprint.code import digests
+from sweeps.errors import ClusterLostError, InputError, SchedulerError, UndeclaredError, WorkerDied, message
+from sweeps.fingerprint.code import digests, settle
+from sweeps.fingerprint.modules import by_value
 from sweeps.fingerprint.provenance import environment
 from sweeps.storage.parts import PartWriter
-from sweeps.task import BatchSummary, Task, importable
+from sweeps.task import BatchSummary, Task
 
 LOCAL = ("threads", "sync", "processes")
 MOST_PROCESSES = 61  # of Windows
@@ -178,7 +179,7 @@ class Pool(Backend):
         """The summary of a finished batch."""
         try:
             return future.result()
-        except futures.CancelledError:
+        except (futures.CancelledError, UndeclaredError):
             raise
         except futures.BrokenExecutor:
             raise WorkerDied if self.own else self._lost() from None
@@ -210,12 +211,15 @@ class Payload:
     def of(cls, task: Task, code: tuple[str | Path, ...], writer: PartWriter | None) -> "Payload":
         """Pack a task; a SchedulerError if it cannot travel."""
         name = f"sweeps-{uuid4().hex}"
-        # A function that cannot be imported travels with its code.
-        functions = [] if importable(task.function) is None else [task.function]
         names = [each for each in code if isinstance(each, str)]
-        expected, token = digests(functions, names), "" if writer is None else writer.token
+        # What travels with the function cannot differ there.
+        travels, expected = by_value(), dict[str, str]()
+        with suppress(InputError):  # it cannot be compared; then nothing of it is stored
+            every = digests([task.function], names)
+            expected = {home: each for home, each in every.items() if home not in travels}
+        token = "" if writer is None else writer.token
         try:
-            content = cloudpickle.dumps((task, functions, names, expected, token))
+            content = cloudpickle.dumps((task, names, expected, token))
         except Exception as problem:  # noqa: BLE001 - any object may refuse in its own way
             who = f"the function of sweep {task.name}"
             raise SchedulerError(f"{who} cannot be sent to other processes: {problem}") from None
@@ -266,12 +270,21 @@ class _Writer(PartWriter):
             super()._rename(temporary, path)
 
 
+# Function, declared code and digests of the last task that was unpacked here.
+_seen: list[tuple[list[Any], list[str], dict[str, str]]] = []
+
+
 @lru_cache(maxsize=2)
 def _unpacked(payload: Payload) -> tuple[Task, PartWriter | None]:
     """The task, if this worker has the client's code, and the writer of parts, if it sees their folder."""
-    task, functions, names, expected, token = cloudpickle.loads(payload.content)
-    if digests(functions, names) != expected:
+    task, names, expected, token = cloudpickle.loads(payload.content)
+    # What the code of the last run has changed, such as a cache, counts as it was before.
+    for functions, code, before in _seen:
+        settle(before, digests(functions, code))
+    here = digests([task.function], names) if expected else {}
+    if {home: here.get(home) for home in expected} != expected:
         raise InputError("this worker has another version of the code; install the same one everywhere")
+    _seen[:] = [([task.function], names, here)]
     if os.getpid() != payload.client and threading.current_thread() is threading.main_thread():
         # A terminal sends Ctrl-C to all processes; the client's decides which batches are finished.
         signal.signal(signal.SIGINT, signal.SIG_IGN)

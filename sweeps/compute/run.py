@@ -28,7 +28,7 @@ from sweeps.plan.adoption import Adoption, confirm
 from sweeps.plan.batches import BatchSizes, Queue
 from sweeps.plan.planning import ENGINE, ROW_BYTES, PlanData, duration, mixture, select
 from sweeps.status import Monitor, Progress, Snapshot
-from sweeps.storage.assemble import Source, Table, assemble, declared
+from sweeps.storage.assemble import Source, Table, assemble, restore_types
 from sweeps.storage.existing import existing, opened
 from sweeps.storage.netcdf import described, write
 from sweeps.storage.parts import BOOKKEEPING, PartSource, PartWriter
@@ -93,7 +93,7 @@ def _failures(data: xr.Dataset) -> str:
 def _execute(plan: PlanData, compute: Callable[..., Table]) -> tuple[xr.Dataset, PlanData]:
     if plan.store is None:
         data = assemble(compute(plan, None), lazy=False)
-        return declared(described(plan.manifest, data, plan.sweep.derive)), plan
+        return restore_types(described(plan.manifest, data, plan.sweep.derive)), plan
     store = Store(plan.store) if plan.shared is None else Share(plan.store, *plan.shared)
     if not (plan.todo or plan.adoption):
         return _finish(plan, store, compute)
@@ -138,7 +138,7 @@ def _finish(plan: PlanData, store: Store, compute: Callable[..., Table]) -> tupl
         if not plan.whole:
             table = compute(plan, store)
             if plan.shared is not None:
-                return declared(described(plan.manifest, assemble(table, lazy=True), None)), plan
+                return restore_types(described(plan.manifest, assemble(table, lazy=True), None)), plan
             try:
                 if table.damaged:
                     raise DamagedError(table.damaged[0], str(store.parts))
@@ -159,9 +159,9 @@ def _requested(plan: PlanData, store: Store) -> xr.Dataset:
     try:
         data = opened(store.file)
     except ValueError as problem:
-        raise StoreError(f"{problem}; move it away, or {errors.FRESH}") from None
+        raise StoreError(f"{problem}; move it away, or {errors.HINT_START_OVER}") from None
     if plan.alignment.identical:
-        return declared(data)
+        return restore_types(data)
     grid = plan.manifest.grid
     # The computed variables, without derived ones.
     own = [*plan.manifest.variables, *(name for name in BOOKKEEPING if name in data)]
@@ -171,7 +171,7 @@ def _requested(plan: PlanData, store: Store) -> xr.Dataset:
         inside = [some[f"failure_{name}"].isin(plan.sweep.grid.axes[name].values).values for name in grid.axes]
         flags = np.logical_and.reduce(inside)
         some = some.isel(failure=flags) if flags.any() else some.drop_dims("failure")
-    return declared(described(plan.manifest, some, plan.sweep.derive))
+    return restore_types(described(plan.manifest, some, plan.sweep.derive))
 
 
 class _Run:
@@ -202,6 +202,10 @@ class _Run:
             try:
                 if self.plan.todo:
                     self._passes(scheduler, workers)
+            except errors.UndeclaredError:
+                if self.store is not None and not self.sources:
+                    self.store.clear()
+                raise
             except KeyboardInterrupt:
                 if any(future.running() for future in self._submitted):
                     raise errors.AbandonedError from None

@@ -1,6 +1,7 @@
 """What compiled code and values consist of: code without its docstring and positions, values by their pickles."""
 
 import dis
+import random
 import sys
 from collections.abc import Iterable, Iterator
 from copyreg import dispatch_table
@@ -9,10 +10,14 @@ from hashlib import blake2b
 from types import CodeType, FunctionType, MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
+
 # The compiler and its optimisation: code that another one has compiled cannot be compared.
 COMPILER = f"{sys.implementation.cache_tag} -O{sys.flags.optimize}"
 # Members of classes that count even if they are named like those of Python.
 MEMBERS = (FunctionType, property, staticmethod, classmethod, int, float)
+# Random generators of whole modules, seeded anew by each process; SciPy's distributions have one of them.
+GENERATORS: tuple[Any, ...] = (random.random.__self__, np.random.random.__self__)  # type: ignore[attr-defined]
 LOADS = {"LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS", "STORE_GLOBAL"}
 
 
@@ -74,6 +79,8 @@ def parts_of(value: Any) -> Iterable[Any]:
         return tuple(value)
     if kind in (dict, MappingProxyType):
         return [each for item in value.items() for each in item]
+    if any(value is each for each in GENERATORS):
+        return (kind,)
     if kind is property:
         return value.fget, value.fset, value.fdel
     if hasattr(value, "gen") and hasattr(value, "func"):  # a context manager that decorates

@@ -34,8 +34,7 @@ from sweeps.fingerprint.modules import (
     source_of,
 )
 
-# Longer texts count by their digest.
-LONG = 1000
+LONG = 1000  # characters of a text; longer ones count by their digest
 # Names that every module has.
 OWN = {*vars(ModuleType("")), "__builtins__", "__cached__", "__file__", "__path__"}
 
@@ -92,6 +91,7 @@ class _Reach:
         # Objects that have a text, or are about to get it, by identity; definitions to be followed.
         self._texts: dict[int, tuple[Any, str]] = {}
         self._waiting: list[tuple[str, Any, str]] = []
+        self._open: set[tuple[str, str]] = set()  # attributes of modules that are being followed
 
     def kind(self, home: str) -> str:
         """Whose code a module is; an installed package that is met counts."""
@@ -110,11 +110,10 @@ class _Reach:
         while isinstance(inner, partial) or hasattr(inner, "function"):
             parts = (*inner.args, inner.func) if isinstance(inner, partial) else (inner.function,)
             inner = next(each for each in parts if callable(each) or hasattr(each, "function"))
-        is_function = isinstance(function, FunctionType)
         name = getattr(function, "__qualname__", type(function).__qualname__)
-        text = self._definition(function, name) if is_function else self.text(function, name)
-        if is_function and home_of(function).partition(".")[0] == ENGINE:
-            text += bytecode(function.__code__).text
+        plain = isinstance(function, FunctionType)
+        text = self._definition(function, name) if plain else self.text(function, name)
+        text += bytecode(function.__code__).text if plain and home_of(function).startswith(f"{ENGINE}.") else ""
         self.lines.setdefault(home_of(inner), []).append(text)
 
     def declare(self, name: str | Path) -> None:
@@ -200,9 +199,9 @@ class _Reach:
         cells = zip(value.__code__.co_freevars, value.__closure__ or (), strict=True)
         carried |= {key: cell.cell_contents for key, cell in cells if cell != CellType()}  # one may be unbound
         for key, each in carried.items():
-            yield f"{key}: {self.text(each, holder)}"
+            yield from self._named(key, each, code.names, holder)
         for key in sorted((code.loads & known.keys()) - OWN):
-            yield from self._global(key, known[key], code.names)
+            yield from self._named(key, known[key], code.names)
         package = known.get("__package__") or str(known.get("__name__")).rpartition(".")[0]
         for target, level, names in code.imports:
             with suppress(ImportError, ValueError):
@@ -211,14 +210,14 @@ class _Reach:
                 # Of `import a.b` both are used, of `from a import b` one, which may be a module itself.
                 for each in (target, *([f"{target}.{n}" for n in names] or [target.partition(".")[0]])):
                     if (module := loaded(each)) is not None:
-                        yield from self._global(each, module, {*names} | code.names)
+                        yield from self._named(each, module, {*names} | code.names)
 
-    def _global(self, key: str, value: Any, names: Set[str]) -> Iterator[str]:
+    def _named(self, key: str, value: Any, names: Set[str], holder: str = "") -> Iterator[str]:
         """What a name stands for; of a module those of its attributes that are in `names`."""
-        followed = isinstance(value, ModuleType) and self.kind(value.__name__) != "library"
-        if followed and id(value) not in self._texts:
-            self._texts[id(value)] = value, ""
+        if isinstance(value, ModuleType) and self.kind(value.__name__) != "library":
             for each in sorted(names & vars(value).keys()):
-                yield from self._global(f"{key}.{each}", vars(value)[each], names)
-            del self._texts[id(value)]
-        yield f"{key} = {self.text(value)}"
+                if (place := (value.__name__, each)) not in self._open:
+                    self._open.add(place)
+                    yield from self._named(f"{key}.{each}", vars(value)[each], names)
+                    self._open.remove(place)
+        yield f"{key} = {self.text(value, holder)}"

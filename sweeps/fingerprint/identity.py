@@ -139,9 +139,12 @@ def differences(stored: Mapping[str, Any], present: Mapping[str, Any], *, code: 
     before, now = ({name: each for name, each in both.items() if name not in CODE} for both in (stored, present))
     if "compiler" not in stored:  # of an earlier version, which had no digests of values
         now.pop("values", None)
-    lines = list[str]()
+    lines, shown = list[str](), set[str]()
     for name, *values in _changed(before, now):
         part, _, inner = name.partition(".")
+        if part == "values" and inner in shown:  # with its numbers
+            continue
+        shown |= {inner.partition(".")[0]} if part == "constants" else set()
         there, here = ("nothing" if value is ABSENT else json.dumps(value) for value in values)
         what = {"constants": inner, "values": f"the content of {inner}"}.get(part, f"{part} {inner}".rstrip())
         lines.append(f"{what} = {_shortened(there)} there, {_shortened(here)} here")

@@ -58,6 +58,11 @@ def stem(file: Any) -> str:
     return "".join(c if c.isalnum() else "_" for c in Path(file).stem)
 
 
+def by_value() -> set[str]:
+    """Return the names of modules whose functions travel to other processes with their code."""
+    return {"__main__", own_name("__main__"), *cloudpickle.list_registry_pickle_by_value()}
+
+
 def loaded(name: str) -> ModuleType | None:
     """Return a module, which is imported if need be; None where that fails."""
     if name not in sys.modules and name == own_name("__main__"):

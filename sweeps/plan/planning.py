@@ -158,7 +158,10 @@ def make_plan(
     place.check_place(sweep.name)
     before = signature(place.file), signature(place.manifest)
     try:
-        return _make_plan(sweep, place, fresh, retry_failed, strict, adopt)
+        fields = _make_plan(sweep, place, fresh, retry_failed, strict, adopt)
+        if not fields["whole"]:
+            place.check_writable()
+        return fields
     except StoreError:
         # A file that is replaced while it is read seems damaged.
         if (signature(place.file), signature(place.manifest)) != before:
@@ -293,7 +296,7 @@ def mixture(where: Any, environments: Sequence[Environment], strict: bool) -> st
     different = mixed(environments)
     line = f"{where}: not all points are computed in one environment: {different}" if different else ""
     if line and strict:
-        raise InputError(f"{line}; choose another folder (--out), start over (--fresh), or leave strict out")
+        raise InputError(f"{line}; choose another path, start over (fresh=True), or leave strict out")
     return line
 
 

@@ -82,7 +82,7 @@ def merged(plan: Planned, files: Sequence[str | Path]) -> tuple[Planned, str]:
     for store in (each for each in map(Store, files) if each.file != plan.store):
         for place in (store, *shares_of(store)):
             if place.is_locked():
-                raise place.taken()
+                raise place.locked_error()
         there = existing(store, plan.sweep.name, json.loads(plan.manifest.attributes["fingerprint"]))
         stores, sources = [*stores, store], sources + (there.sources if there else [])
         tokens |= _tokens(there.manifest) if there and there.manifest else {}

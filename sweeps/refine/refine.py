@@ -33,7 +33,8 @@ def refined(sweep: Declared, refinement: Refinement) -> Declared:
         raise InputError(f"{who}: levels = {levels!r}: it must be an integer, 0 or above")
     if tolerance is not None and not tolerance > 0.0:
         raise InputError(f"{who}: tolerance = {tolerance!r}: it must be above 0")
-    numbers = [name for name, each in sweep.variables.items() if not each.dims and each.dtype != "complex128"]
+    decide = {name: each for name, each in sweep.variables.items() if each.dtype not in ("complex128", "str")}
+    numbers = [name for name, each in decide.items() if not each.dims]
     if refinement.variable not in numbers:
         raise InputError(f"{who}: variable = {refinement.variable!r}: it must be one of {', '.join(numbers)}")
     if list(refinement.thresholds) != sorted(set(refinement.thresholds)):

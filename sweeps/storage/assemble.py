@@ -13,11 +13,13 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from netCDF4 import default_fillvals
 from numpy.typing import NDArray
 
-from sweeps.errors import FRESH, UNREADABLE, DamagedError, StoreError, message
+from sweeps.errors import HINT_MOVE, UNREADABLE, DamagedError, InputError, StoreError
 from sweeps.grid import DONE, FAILED, PENDING, REAL, SKIPPED, Axis, Grid, Variable, block_shape, flag_attributes
 from sweeps.storage.parts import BatchResult, Coverage, Failure, Manifest, PartSource
+from sweeps.storage.store import check_trailer, is_held
 
 # Larger variables are assembled in blocks of this size, bytes.
 LARGE = 32_000_000
@@ -25,16 +27,35 @@ LARGE = 32_000_000
 ERROR_CHARACTERS, LEAST_CHARACTERS = 30_000_000, 60
 # Number of failures whose tracebacks are stored.
 MOST_TRACEBACKS = 1000
+DAMAGED = f"is damaged or not netCDF; {HINT_MOVE}"
 
 Indices = NDArray[np.signedinteger[Any]]
 
 
 def open_netcdf(path: Path, **options: Any) -> xr.Dataset:
-    """Open a netCDF file; damage raises one of UNREADABLE. No sweep has dates, so that none are decoded."""
+    """Open a netCDF file, of which no variable is a date; an InputError says what is wrong with it."""
+    if not path.is_file():
+        raise InputError(f"is not a regular file; {HINT_MOVE}")
     try:
         return xr.open_dataset(path, engine="netcdf4", decode_times=False, **options)
-    except AttributeError as problem:  # of the netCDF library, for an attribute that it cannot read
-        raise OSError(str(problem)) from None
+    except PermissionError:
+        raise InputError("cannot be read: permission is missing, or another program has it open") from None
+    except (AttributeError, *UNREADABLE):  # the netCDF library raises AttributeError, too
+        if (held := is_held(path)) is None:
+            raise InputError("cannot be locked, as HDF5 wants to; set HDF5_USE_FILE_LOCKING=FALSE") from None
+        what = "is locked or open in another program; close it there" if held else DAMAGED
+        raise InputError(what) from None
+
+
+def check_present(variable: xr.Variable) -> None:
+    """Raise an OSError if HDF5 does not find what was stored: then it fills in a value that no result has."""
+    about = variable.attrs | variable.encoding
+    kind = np.dtype(about.get("dtype", variable.dtype)).str[1:]
+    # Any byte may be a result, unless it is a flag; earlier versions chose the value, and have a trailer.
+    if "_FillValue" in about or kind not in default_fillvals or (kind[1:] == "1" and "flag_values" not in about):
+        return
+    if np.any(variable.values == np.asarray(default_fillvals[kind], kind)):
+        raise OSError("values are lost")
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +70,7 @@ class FileSource:
     @cached_property
     def data(self) -> xr.Dataset:
         """The open file, with integers as they are stored."""
+        check_trailer(self.path)
         return open_netcdf(self.path, cache=False, mask_and_scale=False)
 
     def coverage(self, manifest: Manifest) -> Coverage:
@@ -64,10 +86,13 @@ class FileSource:
         index = np.unravel_index(rows, self.grid.shape)
         box = tuple(slice(int(each.min()), int(each.max()) + 1) for each in index)
         try:
-            values = self.data[name].variable[box].values
-        except UNREADABLE as problem:
-            raise StoreError(f"{self.path} is damaged ({message(problem)}); move it away, or {FRESH}") from None
-        return np.asarray(values[tuple(each - cut.start for cut, each in zip(box, index, strict=True))])
+            part = self.data[name].variable[box]
+            check_present(part)
+        except InputError as problem:
+            raise StoreError(f"{self.path} {problem}") from None
+        except UNREADABLE:
+            raise StoreError(f"{self.path} {DAMAGED}") from None
+        return np.asarray(part.values[tuple(each - cut.start for cut, each in zip(box, index, strict=True))])
 
     @property
     def failures(self) -> dict[int, Failure]:
@@ -136,7 +161,7 @@ class Table:
     def values(self, name: str, points: slice) -> NDArray[Any]:
         """Values of a variable, or `wall_time`, at a range of points."""
         variable, index = self.manifest.variable(name), np.arange(len(self.status))[points]
-        values = np.full((len(index), *self.manifest.shape(name)), variable.missing, variable.dtype)
+        values = variable.absent((len(index), *self.manifest.shape(name)))
         for source, rows, at in self._by_source(index):
             # A slice copies faster, or not at all.
             part = isinstance(source, PartSource) and bool(np.all(np.diff(rows) == 1))
@@ -213,10 +238,11 @@ def assemble(table: Table, *, lazy: bool) -> xr.Dataset:
     for name in (*manifest.variables, "status", "error", "wall_time"):
         variable, encoding = manifest.variable(name), {}
         if name not in arrays:
-            large = lazy and manifest.row_bytes(name) * grid.size > LARGE
+            large = lazy and variable.dtype != "str" and manifest.row_bytes(name) * grid.size > LARGE
             arrays[name] = _lazy(table, name) if large else _values(table, name, grid.shape)
             if np.dtype(variable.dtype).kind == "i":
-                encoding = {"dtype": variable.dtype, "_FillValue": np.dtype(variable.dtype).type(variable.missing)}
+                missing = np.dtype(variable.dtype).type(variable.missing)
+                encoding = {"dtype": variable.dtype, "missing_value": missing}
         data[name] = ((*grid.dims, *variable.dims), arrays[name], attributes(variable, name), encoding)
     data["error"][2]["_Encoding"] = "utf-8"
     data |= _failure_table(table, reasons)
@@ -228,7 +254,7 @@ def assemble(table: Table, *, lazy: bool) -> xr.Dataset:
 
 def _values(table: Table, name: str, shape: Sequence[int], first: int = 0) -> NDArray[Any]:
     values = table.values(name, slice(first, first + int(np.prod(shape))))
-    return shown(values.reshape(*shape, *values.shape[1:]), table.manifest.variable(name))
+    return as_floats(values.reshape(*shape, *values.shape[1:]), table.manifest.variable(name))
 
 
 def _lazy(table: Table, name: str) -> Any:
@@ -243,16 +269,16 @@ def _lazy(table: Table, name: str) -> Any:
         return _values(table, name, [end - begin for begin, end in place], first)
 
     variable = table.manifest.variable(name)
-    empty = shown(np.zeros((0,) * (len(shape) + len(inner)), variable.dtype), variable)
+    empty = as_floats(np.zeros((0,) * (len(shape) + len(inner)), variable.dtype), variable)
     array: Any = dask.array
     chunks = array.core.normalize_chunks((*steps, *inner), (*shape, *inner))
     return array.map_blocks(block, chunks=chunks, dtype=empty.dtype, meta=empty)
 
 
-def shown(values: NDArray[Any], variable: Variable) -> NDArray[Any]:
+def as_floats(values: NDArray[Any], variable: Variable) -> NDArray[Any]:
     """Values as a reader of the file gets them: of integers floats, with NaN where the value is missing."""
     if values.dtype.kind != "i":
-        return values
+        return values.astype(str) if values.dtype == object else values
     # Single precision represents every integer of 16 bits.
     kind = np.float32 if values.dtype.itemsize <= 2 else np.float64
     return np.where(values == variable.missing, kind(np.nan), values.astype(kind))
@@ -276,9 +302,10 @@ def _failure_table(table: Table, reasons: Mapping[int, Failure]) -> dict[str, An
 def attributes(described: Axis | Variable, name: str) -> dict[str, Any]:
     """CF attributes of an axis or a variable; its `name` replaces a missing long name."""
     found: dict[str, Any] = {"units": described.units, "long_name": described.long_name or name}
-    if isinstance(described, Axis):
-        if described.values.dtype.kind == "U":
-            found["units"] = ""  # strings have none
+    if (described.values.dtype.kind == "U") if isinstance(described, Axis) else described.dtype == "str":
+        found["units"] = ""  # strings have none
+    elif isinstance(described, Axis):
+        pass
     elif described.digits is not None:
         found["comment"] = f"kept to {described.digits} significant digits"
     elif described.flags is not None:
@@ -286,7 +313,7 @@ def attributes(described: Axis | Variable, name: str) -> dict[str, Any]:
     return {name: value for name, value in found.items() if not isinstance(value, str) or value}
 
 
-def declared(data: xr.Dataset) -> xr.Dataset:
+def restore_types(data: xr.Dataset) -> xr.Dataset:
     """Replace the representation of complex, bool and text variables in a file by variables of these types."""
     error = data["error"]
     if error.dtype.kind == "S":

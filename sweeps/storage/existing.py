@@ -7,16 +7,27 @@ from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import xarray as xr
 
-from sweeps.errors import ANEW, MOVE, UNREADABLE, DamagedError, InputError, MissingFileError, StoreError, message
+from sweeps import errors
+from sweeps.errors import UNREADABLE, DamagedError, InputError, MissingFileError, StoreError, message
 from sweeps.fingerprint.identity import differences
-from sweeps.grid import Axis, Grid
-from sweeps.storage.assemble import FileSource, Source, Table, assemble, declared, open_netcdf
-from sweeps.storage.netcdf import CHECKED, check_checksum, described
+from sweeps.grid import Axis, Grid, axis_values
+from sweeps.storage.assemble import (
+    DAMAGED,
+    FileSource,
+    Source,
+    Table,
+    assemble,
+    check_present,
+    open_netcdf,
+    restore_types,
+)
+from sweeps.storage.netcdf import described
 from sweeps.storage.parts import Manifest, PartSource
 from sweeps.storage.shares import shares_of
-from sweeps.storage.store import Store, signature
+from sweeps.storage.store import Store, check_trailer, signature
 
 # A file up to this size is read at once, so that it can be replaced meanwhile.
 READ_AT_ONCE = 50_000_000
@@ -70,23 +81,23 @@ def _combined(manifests: Sequence[tuple[Store, Manifest]]) -> Manifest:
 def check_replaceable(store: Store, name: str) -> None:
     """Refuse to start over where that would destroy the results of anything but the sweep `name`."""
     if store.file.exists():
-        _own_file(store, name, complete=False).close()
+        _own_file(store, name).close()
     try:
         _check_name(store.parts, getattr(Manifest.load(store), "name", name), name)
     except StoreError as problem:
-        # Starting over is what a damaged manifest needs.
-        if "--fresh" not in str(problem):
+        # When a run starts over, a damaged manifest does not matter.
+        if errors.HINT_START_OVER not in str(problem):
             raise
 
 
-def sources_of(store: Store, manifest: Manifest, *, strict: bool = False, complete: bool = True) -> list[Source]:
+def sources_of(store: Store, manifest: Manifest, *, strict: bool = False) -> list[Source]:
     """The sources of a manifest's points; a finished file that is unusable is left out unless `strict`."""
     places = (store, *shares_of(store))
     parts: list[Source] = [PartSource(each.parts, name) for each in places for name in each.part_names()]
     if not manifest.fresh and store.file.exists():
         try:
             fingerprint = json.loads(manifest.attributes["fingerprint"])
-            return _finished(store, manifest.name, fingerprint, complete=complete).sources + parts
+            return _finished(store, manifest.name, fingerprint).sources + parts
         except StoreError:
             if strict:
                 raise
@@ -97,15 +108,13 @@ def _check_name(place: Path, owner: str | None, name: str) -> None:
     """Refuse the results of anything but the sweep `name`, which are never overwritten."""
     if owner != name:
         whose = f"has the results of {owner}" if owner else "was not made by a sweep"
-        raise StoreError(f"{place} {whose}; the results of {name} need another folder")
+        raise StoreError(f"{place} {whose}; the results of {name} need another path")
 
 
-def _finished(
-    store: Store, name: str, fingerprint: dict[str, Any], *, complete: bool = True, code: bool = True
-) -> Existing:
-    """A finished file; readers of its status alone do not check all of it (`complete`)."""
+def _finished(store: Store, name: str, fingerprint: dict[str, Any], *, code: bool = True) -> Existing:
+    """A finished file."""
     path = store.file
-    with _own_file(store, name, complete=complete) as data:
+    with _own_file(store, name) as data:
         _check_same(path, data.attrs, fingerprint, code=code)
         try:
             stored = json.loads(data.attrs["fingerprint"])
@@ -116,16 +125,16 @@ def _finished(
                 raise InputError("its axes do not fit its points")
             environments = json.loads(data.attrs["environments"])
         except UNREADABLE as problem:
-            raise StoreError(f"{path} is damaged: {problem}; {MOVE}") from None
+            raise StoreError(f"{path} is damaged: {problem}; {errors.HINT_MOVE}") from None
     return Existing(grid, [FileSource(path, grid, environments)], data.attrs)
 
 
-def _own_file(store: Store, name: str, *, complete: bool) -> xr.Dataset:
+def _own_file(store: Store, name: str) -> xr.Dataset:
     """The open file of the sweep `name`."""
     try:
-        data = _open(store.file, complete=complete, cache=False)
+        data = open_netcdf(store.file, cache=False)
     except InputError as problem:
-        raise StoreError(f"{store.file} {problem}; {MOVE}") from None
+        raise StoreError(f"{store.file} {problem}") from None
     try:
         _check_name(store.file, data.attrs.get("sweep"), name)
     except StoreError:
@@ -134,31 +143,17 @@ def _own_file(store: Store, name: str, *, complete: bool) -> xr.Dataset:
     return data
 
 
-def _open(path: Path, *, complete: bool = True, **options: Any) -> xr.Dataset:
-    """Open a file and check its checksum, unless it is large; an InputError tells what is wrong with it."""
-    try:
-        if not path.is_file():
-            raise InputError("is not a regular file")
-        if complete and path.stat().st_size <= CHECKED:
-            check_checksum(path)
-        return open_netcdf(path, **options)
-    except (StoreError, InputError):
-        raise
-    except PermissionError:
-        raise InputError("cannot be read") from None
-    except UNREADABLE:
-        raise InputError("is damaged or not netCDF") from None
-
-
 def _check_same(
     place: Path, attributes: Mapping[str, Any], fingerprint: dict[str, Any], keep: str = "", *, code: bool = True
 ) -> None:
     try:
-        different = differences(json.loads(attributes["fingerprint"]), fingerprint, code=code)
+        stored = json.loads(attributes["fingerprint"])
+        different = differences(stored, fingerprint, code=code)
+        adopt = "" if differences(stored, fingerprint, code=False) else f"{errors.HINT_ADOPT}, "
     except UNREADABLE:
-        raise StoreError(f"{place} does not say what made it; {ANEW}{keep}") from None
+        raise StoreError(f"{place} does not say what made it; {errors.HINT_EITHER}{keep}") from None
     if different:
-        raise StoreError(f"{place} has other results: {different}; {ANEW}{keep}")
+        raise StoreError(f"{place} has other results: {different}; {adopt}{errors.HINT_EITHER}{keep}")
 
 
 def open_results(path: str | Path) -> xr.Dataset:
@@ -168,35 +163,25 @@ def open_results(path: str | Path) -> xr.Dataset:
     an unfinished run these are Dask arrays over its parts. A FileNotFoundError or ValueError if there is no such
     file, or it is not the result of a sweep.
     """
-    return declared(opened(path))
+    return restore_types(opened(path))
 
 
-def opened(path: str | Path) -> xr.Dataset:
-    """The same with the variables as the file represents them."""
+def opened(path: str | Path, *, load: bool = True) -> xr.Dataset:
+    """The same with the variables as the file represents them; without `load` only its status is read."""
     store = Store(path)
     if _has_parts(store):
         try:
             return _opened_parts(store)
-        except StoreError as problem:
+        except (StoreError, InputError) as problem:
             # Unless the run has finished meanwhile.
             if _has_parts(store) and not store.file.exists():
                 raise InputError(str(problem)) from None
     if not store.file.exists():
         raise MissingFileError(f"{path}: there is no such file")
     try:
-        data = _open(store.file)
-        if data.nbytes <= READ_AT_ONCE:
-            with data:
-                data.load()
-        for name in data.variables:
-            if data[name].nbytes * 10 <= READ_AT_ONCE:
-                data[name].load()
-    except StoreError as problem:
-        raise InputError(str(problem)) from None
+        data = open_netcdf(store.file)
     except InputError as problem:
         raise InputError(f"{path}: it {problem}") from None
-    except UNREADABLE:
-        raise InputError(f"{path}: it is damaged or not netCDF") from None
     try:
         configuration = json.loads(str(data.attrs.get("configuration", "{}")))
         for key, kind in (("name", str), ("axes", dict), ("constants", dict)):
@@ -206,8 +191,32 @@ def opened(path: str | Path) -> xr.Dataset:
             if name not in data.variables:
                 raise InputError(f"it has no variable {name}")
     except UNREADABLE as problem:
+        data.close()
         raise InputError(f"{path}: it is not the result of a sweep: {message(problem)}") from None
-    return data
+    return _loaded(data, store.file, [*configuration["axes"]] if load else [])
+
+
+def _loaded(data: xr.Dataset, path: Path, axes: Sequence[str]) -> xr.Dataset:
+    """A file with its variables in memory, of a large one the small ones; without `axes` with the status alone."""
+    at_once = bool(axes) and data.nbytes <= READ_AT_ONCE
+    try:
+        if at_once:
+            check_trailer(path)
+        for name in data.variables if axes else ["status"]:
+            if at_once or data[name].nbytes * 10 <= READ_AT_ONCE:
+                check_present(data[name].load().variable)
+    except StoreError as problem:
+        raise InputError(str(problem)) from None
+    except UNREADABLE:
+        raise InputError(f"{path}: it {DAMAGED}") from None
+    finally:
+        if at_once or not axes:
+            data.close()
+    # Earlier versions stored an axis in single precision.
+    single = [
+        n for n in (*axes, *(f"failure_{axis}" for axis in axes)) if n in data and data[n].dtype == np.float32
+    ]
+    return data.assign({n: (data[n].dims, axis_values(data[n].values), data[n].attrs) for n in single})
 
 
 def _has_parts(store: Store) -> bool:

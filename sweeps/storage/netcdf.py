@@ -1,28 +1,21 @@
-"""The CF netCDF file of a sweep: written under a temporary name, with a checksum at its end, and renamed."""
+"""The CF netCDF file of a sweep: written under a temporary name, with HDF5's checksums, and renamed."""
 
 import json
-import os
-import zlib
 from collections.abc import Callable
 from contextlib import suppress
 from datetime import UTC, datetime
-from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import dask
 import xarray as xr
 
-from sweeps.errors import MOVE, UNREADABLE, StoreError, reason
+from sweeps.errors import UNREADABLE, StoreError, reason
 from sweeps.grid import block_shape
 from sweeps.storage.assemble import LARGE, FileSource, Table, assemble, open_netcdf
 from sweeps.storage.parts import Manifest
-from sweeps.storage.store import Store, check_regular, replacing
+from sweeps.storage.store import Store, replacing
 
 Derive = Callable[[xr.Dataset], xr.Dataset]
-# The end of a file: this and eight hexadecimal digits, behind everything that netCDF reads.
-CHECKSUM, BLOCK = b"\nsweeps CRC-32 ", 1 << 20
-# A file up to this size is checked whenever it is opened, which takes 0.2 s at most; a larger one when it grows.
-CHECKED = 1 << 28
 # Bytes of a chunk: a reader of one point should not read a hundred others.
 CHUNK_BYTES, MOST_CHUNK_BYTES = 1 << 18, 1 << 22
 
@@ -42,8 +35,6 @@ def write(store: Store, table: Table, derive: Derive | None) -> None:
     """Write the file of a sweep and replace the previous one; an error of `derive` is raised when that is done."""
     manifest, problem = table.manifest, None
     files = [source for source in table.sources if isinstance(source, FileSource)]
-    if any(each.path.stat().st_size > CHECKED for each in files):
-        check_checksum(store.file)
     data = assemble(table, lazy=True)
     before = ""
     if not manifest.fresh:
@@ -56,16 +47,20 @@ def write(store: Store, table: Table, derive: Derive | None) -> None:
     try:
         # Not by a user's Dask client, and not by two threads, which can deadlock with xarray before 2026.9.
         with replacing(store.file, store.parts) as temporary, dask.config.set(scheduler="sync"):
-            whole.to_netcdf(temporary, engine="netcdf4", encoding=_encoding(whole, manifest))
-            append_checksum(temporary)
+            try:
+                whole.to_netcdf(temporary, engine="netcdf4", encoding=_encoding(whole, manifest))
+            finally:
+                # Windows replaces no file that is open.
+                for each in files:
+                    each.data.close()
     except StoreError:
         raise
     except (OSError, RuntimeError) as unwritten:
+        why = reason(unwritten)
+        if isinstance(unwritten, PermissionError):
+            why += " (if a program or a dataset has it open, close it there)"
         kept = "all points are kept, and the same run writes it again"
-        raise StoreError(f"{store.file} could not be written: {reason(unwritten)}; {kept}") from unwritten
-    finally:
-        for each in files:
-            each.data.close()
+        raise StoreError(f"{store.file} could not be written: {why}; {kept}") from unwritten
     if problem is not None:
         raise problem
 
@@ -76,15 +71,15 @@ def _encoding(data: xr.Dataset, manifest: Manifest) -> dict[str, dict[str, Any]]
         chosen = encoding.setdefault(str(name), {})
         own = manifest.variables.get(str(name))
         text = variable.dtype.kind in "OUTS"
-        if variable.ndim:
-            chosen["fletcher32"] = not text
+        # HDF5 notices a changed bit wherever it reads one of these.
+        chosen["fletcher32"] = variable.ndim > 0
         # The smallest readers do not inflate coordinates; long ones would outweigh the data.
         if variable.ndim and not (name in data.coords and (text or variable.size < 10_000)):
             large = variable.nbytes > LARGE
             # Floats of full precision hardly shrink.
             shrinks = not large or own is None or own.digits is not None or own.dtype.startswith("int")
-            chosen |= {"zlib": shrinks, "shuffle": shrinks, "complevel": 1 if large else 4, "fletcher32": True}
-        if name in (*manifest.variables, "status", "wall_time"):
+            chosen |= {"zlib": shrinks, "shuffle": shrinks, "complevel": 1 if large else 4}
+        if name in (*manifest.variables, "status", "wall_time") and not text:
             inner = manifest.shape(str(name))
             if variable.shape == (*manifest.grid.shape, *inner):  # `derive` may have replaced it
                 row = manifest.row_bytes(str(name))
@@ -93,34 +88,7 @@ def _encoding(data: xr.Dataset, manifest: Manifest) -> dict[str, dict[str, Any]]
                 chosen["chunksizes"] = (*block_shape(manifest.grid.shape, max(CHUNK_BYTES // row, 1)), *inner)
         if text:
             chosen["dtype"] = "S1"
-        if name in data.coords or variable.dtype.kind in "iu":
-            chosen["_FillValue"] = None
-        chosen |= {key: variable.encoding[key] for key in ("dtype", "_FillValue") if key in variable.encoding}
+        # What HDF5 does not find is then filled with netCDF's own value, and noticed.
+        chosen["_FillValue"] = None
+        chosen |= {key: variable.encoding[key] for key in ("dtype", "missing_value") if key in variable.encoding}
     return encoding
-
-
-def append_checksum(path: Path) -> None:
-    """Append the checksum of a file to it, where readers of HDF5 do not look; editing by netCDF cuts it off."""
-    with open(path, "r+b") as file:
-        file.write(_checksum(file, os.fstat(file.fileno()).st_size))
-
-
-def check_checksum(path: Path) -> None:
-    """Raise a `StoreError` if a file has the checksum of another content; a file without one passes."""
-    check_regular(path)
-    with open(path, "rb") as file:
-        size = os.fstat(file.fileno()).st_size - len(CHECKSUM) - 8
-        file.seek(max(size, 0))
-        last = file.read()
-        file.seek(0)
-        # A flipped bit of the marker itself leaves the rest of it.
-        marked = sum(a == b for a, b in zip(last, CHECKSUM, strict=False)) >= len(CHECKSUM) - 1
-        if marked and last != _checksum(file, size):
-            raise StoreError(f"{path} is damaged: its checksum does not match; {MOVE}")
-
-
-def _checksum(file: BinaryIO, size: int) -> bytes:
-    check = 0
-    for begin in range(0, size, BLOCK):
-        check = zlib.crc32(file.read(min(BLOCK, size - begin)), check)
-    return CHECKSUM + b"%08x" % check

@@ -20,7 +20,7 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
-from sweeps.errors import ANEW, FRESH, UNREADABLE, DamagedError, StoreError, reason
+from sweeps.errors import HINT_EITHER, HINT_START_OVER, UNREADABLE, DamagedError, StoreError, reason
 from sweeps.grid import STATUS_FLAGS, Alignment, Axis, Grid, Variable
 from sweeps.storage.store import Store, check_regular, replacing
 
@@ -141,9 +141,10 @@ class PartWriter:
         header |= {"failures": result.failures, "environment": result.environment}
         header |= {"seconds": float(result.wall_time.sum())}
         arrays |= {} if contiguous else {"points": points}
-        arrays |= {f"value_{name}": each for name, each in result.values.items()}
-        # Floats of full precision hardly shrink; rounded ones and integers do.
-        small = [n for n, v in self.variables.items() if v.digits is not None or np.dtype(v.dtype).kind == "i"]
+        for key, each in result.values.items():
+            arrays[f"value_{key}"] = np.char.encode(each.astype(str), "utf-8") if each.dtype == object else each
+        # Floats of full precision hardly shrink; everything else does.
+        small = [n for n, v in self.variables.items() if v.digits is not None or not v.is_float]
         with replacing(self.folder / name, rename=self._rename) as temporary:
             pack(temporary, header, arrays, ["points", *(f"value_{name}" for name in small)])
 
@@ -194,7 +195,7 @@ class Manifest:
 
     def row_bytes(self, name: str) -> int:
         """Size of a variable at one point."""
-        return int(np.dtype(self.variable(name).dtype).itemsize * np.prod(self.shape(name), dtype=np.int64))
+        return int(self.variable(name).itemsize * np.prod(self.shape(name), dtype=np.int64))
 
     def save(self, store: Store) -> None:
         """Write the manifest and its copy."""
@@ -234,9 +235,9 @@ class Manifest:
                     reasons.append(f"{path} cannot be read: {reason(problem)}")
             else:
                 other = f"{store.parts} is of another version of sweeps"
-                raise StoreError(f"{other}; finish the run with that version, or {FRESH}")
+                raise StoreError(f"{other}; finish the run with that version, or {HINT_START_OVER}")
         lost = f"so the parts of {store.file.name} cannot be used"
-        raise StoreError([*reasons, f"{store.manifest} and its copy are damaged, {lost}; {ANEW}"][0])
+        raise StoreError([*reasons, f"{store.manifest} and its copy are damaged, {lost}; {HINT_EITHER}"][0])
 
     @classmethod
     def _of(cls, file: Packed) -> "Manifest":
@@ -290,7 +291,8 @@ class PartSource:
 
     def read(self, name: str, rows: Any) -> NDArray[Any]:
         """Values of a variable, or `wall_time`, at some rows."""
-        return np.asarray(self._read("wall_time" if name == "wall_time" else f"value_{name}")[rows])
+        values = np.asarray(self._read("wall_time" if name == "wall_time" else f"value_{name}")[rows])
+        return np.char.decode(values, "utf-8") if values.dtype.kind == "S" else values
 
     @property
     def failures(self) -> Mapping[int, Failure]:

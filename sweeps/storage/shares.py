@@ -48,7 +48,7 @@ def locked(store: Store) -> Iterator[None]:
             until = time.monotonic() + LOCK_TIMEOUT
             while other.is_locked():
                 if time.monotonic() > until:
-                    raise other.taken()
+                    raise other.locked_error()
                 time.sleep(0.1 * LOCK_TIMEOUT)
         yield
 

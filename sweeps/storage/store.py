@@ -23,21 +23,28 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
+from zlib import crc32
 
 from filelock import FileLock, Timeout, lock_descriptor
 
-from sweeps.errors import OTHER, InputError, LockedError, StoreError, reason
+from sweeps.errors import HINT_MOVE, HINT_OTHER_PATH, InputError, LockedError, StoreError, reason
 
 PART = re.compile(r"(\d{6,})-[0-9a-f]{8}\.part")
-# Files that a run, or the operating system, may have left in the folder of parts.
-LEFT = re.compile(rf"manifest(\.copy)?|progress\.json|{PART.pattern}|\..*\.(tmp|probe)|\.nfs.*|\.DS_Store")
+# Files that a run, or an operating system, may have left in the folder of parts.
+LEFT = re.compile(rf"manifest(\.copy)?|progress\.json|{PART.pattern}|\..*|desktop\.ini|Thumbs\.db", re.IGNORECASE)
+# What a file system answers that cannot wait for a file or a folder, or lets nobody open a folder.
+NO_FSYNC = {errno.EINVAL, errno.EBADF, errno.ENOTSUP, errno.ENOSYS, errno.EACCES, errno.EPERM, errno.EISDIR}
+# Earlier versions wrote this and eight hexadecimal digits behind all that netCDF reads. It is checked in files
+# up to this size; of larger ones, as of those of today, HDF5 checks the numbers.
+TRAILER, MOST_CHECKED = b"\nsweeps CRC-32 ", 1 << 28
+TRAILER_SIZE = len(TRAILER) + 8
 # s. A reader that tests the lock holds it for a moment.
 LOCK_TIMEOUT = 0.2
 
 
 @contextmanager
 def replacing(
-    path: Path, folder: Path | None = None, rename: Callable[[Path, Path], None] = os.replace
+    path: Path, folder: Path | None = None, rename: Callable[[Path, Path], None] | None = None
 ) -> Iterator[Path]:
     """Yield a temporary path, in `folder` if given, and rename it to `path` when its content is on the disk.
 
@@ -46,25 +53,55 @@ def replacing(
     temporary = (folder or path.parent) / f".{path.name}.{uuid4().hex[:12]}.tmp"
     try:
         yield temporary
-        # Windows flushes only what is open for writing.
-        with open(temporary, "r+b") as file:
-            os.fsync(file.fileno())
-        rename(temporary, path)
+        # Windows flushes only what is open for writing, and no folders.
+        _flush(temporary, os.O_RDWR)
+        (rename or os.replace)(temporary, path)
         if os.name != "nt":
-            descriptor = os.open(path.parent, os.O_RDONLY)
-            try:
-                os.fsync(descriptor)
-            finally:
-                os.close(descriptor)
+            _flush(path.parent, os.O_RDONLY)
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+def _flush(path: Path, flags: int) -> None:
+    """Wait until a file or folder is on the disk, if the file system can."""
+    try:
+        descriptor = os.open(path, flags)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    except OSError as problem:
+        if problem.errno not in NO_FSYNC:
+            raise
+
+
+def is_held(path: Path) -> bool | None:
+    """Whether somebody holds the lock of a file now; None if there is no file, or it cannot be locked."""
+    # NFS locks only what is open for writing; where nothing may be written, reading will do.
+    for mode in ("r+b", "rb"):
+        with suppress(OSError):
+            check_regular(path)
+            with open(path, mode) as file:
+                return not lock_descriptor(file.fileno(), blocking=False)
+    return None
 
 
 def check_regular(path: Path) -> None:
     """Raise an `OSError` unless there is a regular file: opening a pipe would block."""
     if not stat.S_ISREG(os.stat(path).st_mode):
         raise OSError(errno.EINVAL, f"{path.name} is not a regular file")
+
+
+def check_trailer(path: Path) -> None:
+    """Raise a StoreError if an earlier version has written the CRC-32 of another content behind a file's own."""
+    if path.stat().st_size > MOST_CHECKED:
+        return
+    content, last = (whole := path.read_bytes())[:-TRAILER_SIZE], whole[-TRAILER_SIZE:]
+    # A flipped bit of the marker itself leaves the rest of it.
+    marked = sum(a == b for a, b in zip(last, TRAILER, strict=False)) >= len(TRAILER) - 1
+    if marked and last != TRAILER + b"%08x" % crc32(content):
+        raise StoreError(f"{path} is damaged: its checksum does not match; {HINT_MOVE}")
 
 
 def signature(path: Path) -> tuple[int, ...]:
@@ -79,7 +116,10 @@ class Store:
     """The paths of one sweep; nothing is created before a run needs it."""
 
     def __init__(self, path: str | Path) -> None:
-        self.file = Path(os.path.abspath(Path(path).expanduser()))
+        try:
+            self.file = Path(os.path.abspath(Path(path).expanduser()))
+        except RuntimeError as problem:  # of a path that begins with ~
+            raise InputError(f"{path}: {problem} write it without ~") from None
         if not self.file.name:
             raise InputError(f"{path}: it is the root of all folders, and no file")
         self.parts = self.file.with_name(f"{self.file.name}.parts")
@@ -107,27 +147,30 @@ class Store:
         return (*self.part_names(), *signature(self.file), *signature(self.manifest))
 
     def check_place(self, name: str) -> None:
-        """Refuse, before anything is computed, a place that cannot have the results of sweep `name`."""
+        """Refuse, before anything is read, a place that cannot have the results of sweep `name`."""
         path = self.file
         try:
             self._check_parts()
-            folder = next(each for each in path.parents if each.is_symlink() or each.exists())
             if path.exists() and not path.is_file():
                 what = "a folder" if path.is_dir() else "not a regular file"
                 raise StoreError(f"{path} is {what}; the results of {name} need a file there")
-            if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
-                what = "cannot be written to" if folder.is_dir() else "is a file, not a folder"
-                what = what if folder.exists() else "is a link to nothing"
-                raise StoreError(f"{folder} {what}; {OTHER}")
         except OSError as problem:
-            raise StoreError(f"{path} cannot be used: {problem.strerror}; {OTHER}") from None
+            raise StoreError(f"{path} cannot be used: {problem.strerror}; {HINT_OTHER_PATH}") from None
+
+    def check_writable(self) -> None:
+        """Refuse, before anything is computed, a folder in which no file can be written."""
+        folder = next(each for each in self.file.parents if each.is_symlink() or each.exists())
+        if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
+            what = "cannot be written to" if folder.is_dir() else "is a file, not a folder"
+            what = what if folder.exists() else "is a link to nothing"
+            raise StoreError(f"{folder} {what}; {HINT_OTHER_PATH}")
 
     def _check_parts(self) -> None:
         # A finished run removes the folder.
         if self.parts.is_symlink() or (self.parts.exists() and not self.parts.is_dir()):
-            raise StoreError(f"{self.parts} is in the way, for it is no folder; remove it, or {OTHER}")
+            raise StoreError(f"{self.parts} is in the way, for it is no folder; remove it, or {HINT_OTHER_PATH}")
         if foreign := self._foreign():
-            raise StoreError(f"{self.parts} has {foreign}, which is not a run's; move it away, or {OTHER}")
+            raise StoreError(f"{self.parts} has {foreign}, which is not a run's; {HINT_MOVE}")
 
     def _foreign(self) -> str:
         """The name of a file in the folder of parts that no run writes; "" if there is none."""
@@ -139,7 +182,8 @@ class Store:
         """Remove the parts; a folder with foreign files stays."""
         # The manifest goes first: parts without a manifest count as none.
         for path in (self.manifest, self.manifest.with_suffix(".copy")):
-            path.unlink(missing_ok=True)
+            with suppress(PermissionError):  # somebody reads it just now, on Windows
+                path.unlink(missing_ok=True)
         if not self._foreign():
             shutil.rmtree(self.parts, ignore_errors=True)
 
@@ -152,9 +196,9 @@ class Store:
             lock = FileLock(self.lock, timeout=LOCK_TIMEOUT, thread_local=False)
             lock.acquire()
         except Timeout:
-            raise self.taken() from None
+            raise self.locked_error() from None
         except OSError as problem:
-            raise StoreError(f"{self.file} cannot be written: {reason(problem)}; {OTHER}") from None
+            raise StoreError(f"{self.file} cannot be written: {reason(problem)}; {HINT_OTHER_PATH}") from None
         try:
             with suppress(OSError):  # the owner is for a message only, which a full disk may prevent
                 self.parts.mkdir(exist_ok=True)
@@ -167,18 +211,13 @@ class Store:
 
     def is_locked(self) -> bool:
         """Whether a run holds the lock now."""
-        try:
-            check_regular(self.lock)
-            with open(self.lock, "rb") as file:
-                return not lock_descriptor(file.fileno(), blocking=False)
-        except OSError:
-            return False
+        return bool(is_held(self.lock))
 
-    def taken(self) -> LockedError:
+    def locked_error(self) -> LockedError:
         """The error that names the run which holds the lock."""
         state = read_state(self.progress)
         run = "process {pid} on {host}, begun {started}".format(**state) if state else "another run"
-        return LockedError(f"{self.file} is being written by {run}; wait for it, or {OTHER}")
+        return LockedError(f"{self.file} is being written by {run}; wait for it, or {HINT_OTHER_PATH}")
 
 
 def owner() -> dict[str, Any]:

@@ -102,6 +102,7 @@ def test_plan_computes_and_writes_nothing_and_takes_the_references_time(here, fo
     assert not folder()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_stored_points_are_not_computed_again_and_other_settings_are_refused(here, folder):
     here("run", "fig5", "--set", "mu=0:0.5:11", "-q")
     planned = here("plan", "fig5", "--set", "mu=0:0.5:21").stdout
@@ -118,26 +119,22 @@ def test_stored_points_are_not_computed_again_and_other_settings_are_refused(her
     assert "θ = 8°" in fresh.stdout
 
 
-def test_a_study_of_ones_own_goes_through_every_command(here, own, folder):
+def test_what_a_result_says_is_never_run(here, own, folder):
+    """Its own study is presented as any other. (A study through every command: tests/docs/test_readme.py.)"""
     done = here("run", "own.py", "-q")
     assert (done.returncode, done.stderr) == (0, "")
-    assert "The largest square is 32." in done.stdout
     assert folder() == OWN
-    assert "How large are squares?" in here("list", "own.py").stdout
-    assert "cached          6" in here("plan", "own.py").stdout
     assert rows(here("status", "own.py", "--json"))["done"] == 6
     found = rows(here("query", "own.py", "--where", "y > 10 and kind == 'plain'", "--format", "json"))
     assert [(row["x"], row["y"]) for row in found] == [(3.0, 18.0), (4.0, 32.0)]
-    assert here("plot", "own.py", "--format", "svg").stdout == "results/squares/squares.svg\n"
     assert here("plot", OWN[0], "--out", "there").stdout == "there/squares.png\n"
-    assert here("report", "own.py", "--file", "page.html").returncode == 0
-    # What a result says is never run: its own study is presented as any other.
     with netCDF4.Dataset(OWN[0], "a") as data:
         data.sweep = str(own)
     registry._registered.clear()
     assert here("plot", OWN[0]).returncode == 0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_failed_points_are_listed_once_and_exit_1(here, own):
     done = here("run", "own.py", "--set", "x=1,2,3")
     assert done.returncode == 1
@@ -154,6 +151,7 @@ def test_failed_points_are_listed_once_and_exit_1(here, own):
     assert here("run", "own.py", "--set", "x=1,2,3", "--retry-failed", "-q").returncode == 0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_failed_point_of_a_predefined_study_comes_with_its_command(here, monkeypatch):
     def picky(rig, theta, mu):
         if np.any(mu == 0.25) and not os.path.exists("mended"):
@@ -177,6 +175,7 @@ def test_a_failed_point_of_a_predefined_study_comes_with_its_command(here, monke
     assert here(*THREE, "-q", "--retry-failed").returncode == 0
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     "options",
     [
@@ -214,6 +213,7 @@ def test_options_win_over_a_file_and_a_draw_may_be_a_value(here, tmp_path):
     assert "sample 4" in plans[0].stdout
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_status_without_a_name_is_a_table_of_the_folder(here, own, folder):
     assert here("status").stdout == "results has no result; begin with: fiv run fig5\n"
     here("run", "own.py", "-q")
@@ -231,6 +231,7 @@ def test_status_without_a_name_is_a_table_of_the_folder(here, own, folder):
     assert here("list").stdout.startswith("Your results in results:\nname ")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_results_are_named_where_a_study_is(here, own):
     here("map", "--x", "theta=1:5:2", "--quantity", "glued_frequency_1", "-q")
     here("run", "own.py", "-q")
@@ -239,6 +240,7 @@ def test_results_are_named_where_a_study_is(here, own):
     assert "Squares" in here("list", "squares").stdout
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_installed_study_is_known_by_its_name(here, own, tmp_path, monkeypatch):
     about = tmp_path / "site" / "owner-1.0.dist-info"
     about.mkdir(parents=True)

@@ -84,7 +84,7 @@ def test_wrong_input_is_one_line_with_exit_2_and_leaves_nothing(here, folder, tm
 @pytest.mark.parametrize(
     ("taken", "said"),
     [
-        ("results/fig5/fig5.nc", "fig5.nc is damaged or not netCDF; move it away or choose another"),
+        ("results/fig5/fig5.nc", "is damaged or not netCDF; move it away, or choose another folder (--out)"),
         ("results/fig5/fig5.png/mine", "fig5.png could not be written"),
         ("results", "results"),
     ],

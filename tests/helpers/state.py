@@ -12,3 +12,7 @@ class Log(_State, list):
 
 class Told(_State, dict):
     """What decides what happens."""
+
+
+class Chosen(_State, set):
+    """Points of a kind."""

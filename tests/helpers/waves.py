@@ -22,7 +22,8 @@ def wave(points, factor=1.0, rig=None):
     if BROKEN["points"] & set(rows):
         raise ValueError(f"no result at {sorted(BROKEN['points'] & set(rows))}")
     total = factor * np.prod([number(values) + 1.0 for values in points.values()], axis=0)
-    return {"root": np.sqrt(total), "count": total.astype(int), "row": total[:, None] ** -POWERS.values}
+    results = {"root": np.sqrt(total), "count": total.astype(int), "row": total[:, None] ** -POWERS.values}
+    return results | {"word": [f"µ{each:g}" * int(each % 5) for each in total]}
 
 
 def product(points):
@@ -33,6 +34,7 @@ VARIABLES = {
     "root": Variable("m", "root"),
     "count": Variable("1", "count", dtype="int32"),
     "row": Variable("1", "row", ("power",), "float32"),
+    "word": Variable(dtype="str"),
 }
 NAMES = list(VARIABLES)
 GRID = {"x": [1.0, 2.0, 3.0], "y": [1.0, 3.0]}

@@ -301,6 +301,7 @@ def test_a_watched_page_is_written_when_its_results_change_and_served_to_this_ma
     assert len(told) == len(set(told))
 
 
+@pytest.mark.slow  # that it is written and served is tested above
 @pytest.mark.browser
 def test_a_watched_page_renews_what_changed_and_keeps_the_rest(driver, watched):
     from selenium.webdriver.support.ui import WebDriverWait
@@ -429,8 +430,9 @@ def test_in_a_browser(driver, folder, tmp_path):
 
 
 @pytest.mark.browser
-def test_the_page_of_the_reference_is_small_and_for_everybody(driver, tmp_path):
-    file = page.write((), HOME / "results" / "reference", tmp_path / "report.html", lambda line: None)
+@pytest.mark.parametrize("names", [("fig5", "sensitivity"), pytest.param((), marks=pytest.mark.slow)])
+def test_the_page_of_the_reference_is_small_and_for_everybody(driver, tmp_path, names):
+    file = page.write(names, HOME / "results" / "reference", tmp_path / "report.html", lambda line: None)
     assert file.stat().st_size < 3e6
     driver.get(file.as_uri())
     check_for_everybody(driver, 375, "light", {"color-contrast": {"enabled": False}})  # which takes minutes here

@@ -22,9 +22,14 @@ from studies.plotting import figures
 # A scene; deviations of four runs from their mean.
 QUICK, WOBBLE = Scene(0.05, 5.0, 0.2, 9.0), 1e-3 * np.array([-1.0, 1.0, -2.0, 2.0])
 POINTS = [(method, name, at) for name, of in SETTINGS.items() for method, ats in of.scenes.items() for at in ats]
+ONCE = {point[:2]: point for point in reversed(POINTS) if point[2] in TWO}.values()
 
 
-@pytest.mark.parametrize(("method", "name", "at"), [point for point in POINTS if point[2] in TWO])
+@pytest.mark.parametrize(
+    ("method", "name", "at"),
+    # Of each setting one quick scene; those of the reference are computed.
+    [pytest.param(*point, marks=[pytest.mark.slow] * (point not in ONCE)) for point in POINTS if point[2] in TWO],
+)
 def test_every_setting_is_one_that_its_method_takes(method, name, at):
     scene = scene_of(at, Rig())
     simulate(scene, 1e-5, method, ramp=1e-3, **SETTINGS[name].options(scene))
@@ -62,7 +67,9 @@ def test_while_a_point_is_timed_no_other_is_computed(monkeypatch):
         return {}
 
     monkeypatch.setattr(study, "measure", measured)
-    STUDY.sweep({"method": FAST, "setting": [DEFAULT, "step 0.5"]}).plan().run("threads", workers=2)
+    STUDY.sweep({"method": FAST, "setting": [DEFAULT, "step 0.5"], "scene": "5 mm/s"}).plan().run(
+        "threads", workers=2
+    )
     assert all(one[2] <= other[0] for one, other in pairwise(sorted(spans)))
 
 
@@ -117,8 +124,15 @@ def statistics(stick, cost=1.0, time=1.0, **more):
     return values | constant | {"cpu_per_second": cost}
 
 
-@pytest.mark.parametrize(("off", "late", "right"), [(0.019, 0, 1), (0.03, 0, 0), (-0.03, 0, 0), (0.01, 0.02, 0)])
-@pytest.mark.parametrize("pair", [(FAST, PUBLISHED), (FAST, DEFAULT)])
+@pytest.mark.parametrize(
+    ("pair", "off", "late", "right"),
+    [
+        ((FAST, PUBLISHED), 0.019, 0, 1),
+        ((FAST, DEFAULT), 0.03, 0, 0),
+        pytest.param((FAST, PUBLISHED), -0.03, 0, 0, marks=pytest.mark.slow),
+        ((FAST, DEFAULT), 0.01, 0.02, 0),
+    ],
+)
 def test_a_setting_is_right_within_tolerance_and_slips_when_it_should(file, pair, off, late, right):
     """By the reference of its own damping; whatever has the other is far off."""
     reference = (PAPER, DEFAULT) if pair[1] == PUBLISHED else (FAST, CONVERGED)
@@ -177,7 +191,7 @@ def test_means_of_sticks_need_twenty_and_a_standard_error_falls_with_the_root_of
     np.testing.assert_allclose(data["time_to_standard_error"].sel(setting=DEFAULT).values.ravel(), known)
 
 
-@pytest.mark.parametrize("methods", [(FAST, PAPER), (PAPER,), ()])
+@pytest.mark.parametrize("methods", [pytest.param((FAST, PAPER), marks=pytest.mark.slow), (PAPER,), ()])
 def test_the_cheapest_is_right_at_every_scene_and_any_result_has_a_summary_and_a_figure(file, methods):
     for right, cheapest in (([4, 3, 4], [2.0]), ([3, 0, 1], [])):
         rows = pd.DataFrame({"cost": [3.0, 1.0, 2.0]})

@@ -6,11 +6,12 @@ import pytest
 from sweeps import Axis, Grid, Sweep, Variable, open_results
 from sweeps.plan import batches
 from sweeps.storage.assemble import rounded
+from tests.helpers.state import Chosen, Log
 from tests.helpers.waves import interrupted
 
 # What was computed, and which computations fail; not part of the fingerprint, as constants would be.
-LOG: list[tuple] = []
-BROKEN: set[tuple] = set()
+LOG = Log()
+BROKEN = Chosen()
 
 
 @pytest.fixture(autouse=True)

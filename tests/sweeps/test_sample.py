@@ -87,7 +87,7 @@ OTHERS = [
 @pytest.mark.parametrize(("other", "message"), OTHERS)
 def test_other_draws_are_refused(path, other, message):
     sweep(8).plan(path).run("sync")
-    with pytest.raises(StoreError, match=r"start over \(--fresh\)") as refused:
+    with pytest.raises(StoreError, match=r"start over \(fresh=True\)") as refused:
         other.plan(path)
     assert message in str(refused.value)
     assert other.plan(path, fresh=True).todo == 8

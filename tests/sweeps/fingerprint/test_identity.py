@@ -66,7 +66,7 @@ def test_results_of_another_declaration_are_refused_naming_what_differs(path, ch
     else:
         sweep(**BEFORE).plan(path).run("sync")
     before = {each: each.read_bytes() for each in path.parent.rglob("*") if each.is_file()}
-    with pytest.raises(StoreError, match=r"has other results: [^\n]*, or start over \(--fresh\)[^\n]*$") as caught:
+    with pytest.raises(StoreError, match=r"other results: [^\n]*, or start over \(fresh=True\)[^\n]*$") as caught:
         sweep(**(BEFORE | changes)).plan(path)
     assert message in str(caught.value)
     assert {each: each.read_bytes() for each in before} == before

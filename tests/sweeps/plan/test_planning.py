@@ -13,8 +13,9 @@ from sweeps import Grid, Sweep
 from sweeps.plan import batches
 from sweeps.plan.batches import BatchSizes, Queue
 from tests.helpers import waves
+from tests.helpers.state import Log
 
-CALLS: list[int] = []
+CALLS = Log()
 
 
 def counted(points):

@@ -1,10 +1,14 @@
 """What is stored is not computed again: growth, retried failures; what somebody else has stored is refused."""
 
+from zlib import crc32
+
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
-from sweeps import Axis, Grid, StoreError, Sweep, Variable, open_results, status
+from sweeps import Axis, Grid, InputError, StoreError, Sweep, Variable, open_results, status
+from sweeps.storage.store import TRAILER
 from tests.helpers.waves import BROKEN, GRID, LOG, NAMES, POWERS, VARIABLES, interrupted, sweep, wave
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
@@ -20,13 +24,17 @@ GROWTH = {
     "integers, then fractions": ([1, 2], [1.5, 2.0], [1.0, 1.5, 2.0]),
     "fractions, then integers": ([0.5, 1.0], [1, 2], [0.5, 1.0, 2.0]),
     "flags": ([True], [False, True], [False, True]),
-    "single precision": (np.float32([0.1, 0.3]), np.float32([0.1, 0.2]), np.float32([0.1, 0.2, 0.3])),
+    "single precision, then double": (np.float32([0.1, 0.3]), [0.1, 0.2], [0.1, 0.2, 0.3]),
+    "double precision, then half": ([0.3, 0.1], np.float16([0.2, 0.1]), [0.3, 0.2, 0.1]),
+    "integers, then single": ([1, 2], np.float32([1.1, 2.0]), [1.0, 1.1, 2.0]),
     "rounding errors": ([0.1, 0.3], [0.1 + 0.2, 0.7], [0.1, 0.3, 0.7]),
 }
 
 
-@pytest.mark.parametrize("unfinished", [False, True])
-@pytest.mark.parametrize("case", GROWTH)
+CASES = [(case, False) for case in GROWTH] + [("descending", True), ("texts", True), ("rounding errors", True)]
+
+
+@pytest.mark.parametrize(("case", "unfinished"), CASES)
 def test_axes_grow_and_what_is_there_is_used(path, case, unfinished):
     """Also of a run that was interrupted, and in another order."""
     before, requested, union = GROWTH[case]
@@ -43,14 +51,57 @@ def test_axes_grow_and_what_is_there_is_used(path, case, unfinished):
     found = along(requested).plan(path).run("sync")
     assert len(LOG) == len(set(LOG))
     assert not set(LOG) & there
-    xr.testing.assert_equal(found[NAMES], along(requested).plan().run()[NAMES])
     along(union).plan(path).run()
-    whole = open_results(path)
+    whole, names = open_results(path), [*NAMES, "wall_time"]
     assert whole["x"].values.tolist() == np.asarray(union).tolist()
     xr.testing.assert_equal(whole[NAMES], along(union).plan().run()[NAMES])
     places = [whole["x"].values.tolist().index(x) for x in first["x"].values.tolist()]
-    same = whole.isel(x=places)[[*NAMES, "wall_time"]].where(first["status"] == 1)
-    xr.testing.assert_equal(same, first[[*NAMES, "wall_time"]])
+    xr.testing.assert_equal(whole.isel(x=places)[names].where(first["status"] == 1, first[names]), first[names])
+    places = [whole["x"].values.tolist().index(x) for x in found["x"].values.tolist()]
+    xr.testing.assert_equal(found[names], whole.isel(x=places)[names])
+
+
+def test_rows_of_a_table_grow_in_any_precision(path):
+    """As before, and the rows are found that are there."""
+    for kind, times in ((float, [0.1, 0.2, 0.3]), (np.float32, [0.1, 0.2]), (np.longdouble, [0.1, 0.2, 0.3, 0.7])):
+        LOG.clear()
+        table = pd.DataFrame({"x": np.array(times, kind), "y": np.ones(len(times), np.float16)})
+        table.index.name = "case"
+        data = sweep(Grid.of(table)).plan(path).run("sync")
+        assert data["x"].values.tolist() == times
+        np.testing.assert_allclose(data["root"], np.sqrt((np.arange(len(times)) + 1.0) * (data["x"] + 1.0) * 2.0))
+        assert len(LOG) == {float: 3, np.float32: 0, np.longdouble: 1}[kind]
+
+
+def earlier(path):
+    """Make the file what earlier versions wrote: an axis in single precision, and a checksum at its end."""
+    with xr.open_dataset(path, mask_and_scale=False) as data:
+        data.load()
+    data["failure_x"] = data["failure_x"].astype("f4")
+    data.assign_coords(x=data["x"].astype("f4")).to_netcdf(path)
+    path.write_bytes((content := path.read_bytes()) + TRAILER + b"%08x" % crc32(content))
+
+
+def test_a_file_of_an_earlier_version_opens_and_grows_without_loss(path):
+    grids = [{"x": values, "y": [1.0]} for values in ([0.1, 0.2, 0.3], [0.1, 0.2, 0.3, 0.5])]
+    BROKEN["points"] = {(0.2, 1.0)}
+    first = sweep(grids[0]).plan(path).run("sync").load()
+    earlier(path)
+    assert open_results(path)["x"].values.tolist() == [0.1, 0.2, 0.3]
+    xr.testing.assert_equal(sweep(grids[0]).plan(path).run(), first)
+    good = path.read_bytes()
+    for byte in (good.index(b"history"), len(good) - 12, len(good) - 1):
+        path.write_bytes(good[:byte] + bytes([good[byte] ^ 1]) + good[byte + 1 :])
+        for attempt in (lambda: open_results(path), lambda: sweep(grids[1]).plan(path).run("sync")):
+            with pytest.raises((InputError, StoreError), match=r"sweep.nc.* damaged"):
+                attempt()
+    path.write_bytes(good)
+    LOG.clear()
+    grown = sweep(grids[1]).plan(path).run("sync")
+    assert LOG == [(0.5, 1.0)]
+    xr.testing.assert_equal(grown.isel(x=slice(3))[[*NAMES, "error"]], first[[*NAMES, "error"]])
+    assert grown["traceback"].values.tolist() == first["traceback"].values.tolist()
+    assert TRAILER not in path.read_bytes()
 
 
 def test_runs_along_a_diagonal_leave_an_incomplete_file(path):
@@ -163,8 +214,8 @@ def test_names_and_derived_variables_may_change(path):
 @pytest.mark.parametrize(
     ("name", "said", "read"),
     [
-        ("others.nc", "has the results of others; the results of waves need another folder", ""),
-        ("half.nc", "has the results of others; the results of waves need another folder", ""),
+        ("others.nc", "has the results of others; the results of waves need another path", ""),
+        ("half.nc", "has the results of others; the results of waves need another path", ""),
         ("text.nc", "is damaged or not netCDF", "it is damaged or not netCDF"),
         ("plain.nc", "was not made by a sweep", "it is not the result of a sweep"),
         (f"{'long' * 100}/waves.nc", "cannot be used", ""),

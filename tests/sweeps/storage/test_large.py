@@ -9,10 +9,11 @@ import xarray as xr
 from sweeps import Axis, Sweep, Variable, open_results, status
 from sweeps.plan import batches
 from sweeps.storage.parts import PartSource
+from tests.helpers.state import Chosen, Log
 from tests.helpers.waves import interrupted
 
-LOG: list[float] = []
-BROKEN: set[float] = set()
+LOG = Log()
+BROKEN = Chosen()
 STEP = Axis(np.arange(5.0), "s")
 
 

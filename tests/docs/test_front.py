@@ -3,9 +3,9 @@
 import numpy as np
 import xarray as xr
 
-from studies import front
 from studies.plotting import figures
 from tests import HOME
+from tests.docs import front
 
 
 def test_the_picture_shows_where_a_knock_starts_squeal():

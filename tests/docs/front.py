@@ -1,6 +1,6 @@
 """The picture at the head of the README: the rig, where its sliding is unstable, and the knock that starts squeal.
 
-``python -m studies.front`` draws it from the reference of `stability` and a map of the knock threshold,
+``python -m tests.docs.front`` draws it from the reference of `stability` and a map of the knock threshold,
 which it computes.
 """
 
