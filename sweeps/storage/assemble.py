@@ -47,15 +47,15 @@ def open_netcdf(path: Path, **options: Any) -> xr.Dataset:
         raise InputError(what) from None
 
 
-def check_present(variable: xr.Variable) -> None:
-    """Raise an OSError if HDF5 does not find what was stored: then it fills in a value that no result has."""
-    about = variable.attrs | variable.encoding
-    kind = np.dtype(about.get("dtype", variable.dtype)).str[1:]
+def present(variable: xr.Variable) -> NDArray[Any]:
+    """Values of a file's variable; an OSError if HDF5 does not find them, and fills in what no result has."""
+    about, values = variable.attrs | variable.encoding, variable.values
+    kind = np.dtype(about.get("dtype", values.dtype)).str[1:]
     # Any byte may be a result, unless it is a flag; earlier versions chose the value, and have a trailer.
-    if "_FillValue" in about or kind not in default_fillvals or (kind[1:] == "1" and "flag_values" not in about):
-        return
-    if np.any(variable.values == np.asarray(default_fillvals[kind], kind)):
+    fillable = kind in default_fillvals and (kind[1:] != "1" or "flag_values" in about)
+    if fillable and "_FillValue" not in about and np.any(values == np.asarray(default_fillvals[kind], kind)):
         raise OSError("values are lost")
+    return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,13 +86,12 @@ class FileSource:
         index = np.unravel_index(rows, self.grid.shape)
         box = tuple(slice(int(each.min()), int(each.max()) + 1) for each in index)
         try:
-            part = self.data[name].variable[box]
-            check_present(part)
+            values = present(self.data[name].variable[box])
         except InputError as problem:
             raise StoreError(f"{self.path} {problem}") from None
         except UNREADABLE:
             raise StoreError(f"{self.path} {DAMAGED}") from None
-        return np.asarray(part.values[tuple(each - cut.start for cut, each in zip(box, index, strict=True))])
+        return np.asarray(values[tuple(each - cut.start for cut, each in zip(box, index, strict=True))])
 
     @property
     def failures(self) -> dict[int, Failure]:

@@ -20,8 +20,8 @@ from sweeps.storage.assemble import (
     Source,
     Table,
     assemble,
-    check_present,
     open_netcdf,
+    present,
     restore_types,
 )
 from sweeps.storage.netcdf import described
@@ -204,7 +204,7 @@ def _loaded(data: xr.Dataset, path: Path, axes: Sequence[str]) -> xr.Dataset:
             check_trailer(path)
         for name in data.variables if axes else ["status"]:
             if at_once or data[name].nbytes * 10 <= READ_AT_ONCE:
-                check_present(data[name].load().variable)
+                present(data[name].load().variable)
     except StoreError as problem:
         raise InputError(str(problem)) from None
     except UNREADABLE:

@@ -91,4 +91,6 @@ def _encoding(data: xr.Dataset, manifest: Manifest) -> dict[str, dict[str, Any]]
         # What HDF5 does not find is then filled with netCDF's own value, and noticed.
         chosen["_FillValue"] = None
         chosen |= {key: variable.encoding[key] for key in ("dtype", "missing_value") if key in variable.encoding}
+        if (missing := variable.encoding.get("_FillValue")) is not None:  # of a derived variable
+            chosen["missing_value"] = missing
     return encoding

@@ -27,6 +27,9 @@ from zlib import crc32
 
 from filelock import FileLock, Timeout, lock_descriptor
 
+if os.name != "nt":
+    import fcntl
+
 from sweeps.errors import HINT_MOVE, HINT_OTHER_PATH, InputError, LockedError, StoreError, reason
 
 PART = re.compile(r"(\d{6,})-[0-9a-f]{8}\.part")
@@ -34,10 +37,9 @@ PART = re.compile(r"(\d{6,})-[0-9a-f]{8}\.part")
 LEFT = re.compile(rf"manifest(\.copy)?|progress\.json|{PART.pattern}|\..*|desktop\.ini|Thumbs\.db", re.IGNORECASE)
 # What a file system answers that cannot wait for a file or a folder, or lets nobody open a folder.
 NO_FSYNC = {errno.EINVAL, errno.EBADF, errno.ENOTSUP, errno.ENOSYS, errno.EACCES, errno.EPERM, errno.EISDIR}
-# Earlier versions wrote this and eight hexadecimal digits behind all that netCDF reads. It is checked in files
-# up to this size; of larger ones, as of those of today, HDF5 checks the numbers.
+# Earlier versions wrote this and eight hexadecimal digits behind everything that netCDF reads. It is checked up to
+# this size; of larger files, as of those of today, HDF5 checks the numbers.
 TRAILER, MOST_CHECKED = b"\nsweeps CRC-32 ", 1 << 28
-TRAILER_SIZE = len(TRAILER) + 8
 # s. A reader that tests the lock holds it for a moment.
 LOCK_TIMEOUT = 0.2
 
@@ -77,13 +79,18 @@ def _flush(path: Path, flags: int) -> None:
 
 
 def is_held(path: Path) -> bool | None:
-    """Whether somebody holds the lock of a file now; None if there is no file, or it cannot be locked."""
-    # NFS locks only what is open for writing; where nothing may be written, reading will do.
-    for mode in ("r+b", "rb"):
-        with suppress(OSError):
-            check_regular(path)
-            with open(path, mode) as file:
+    """Whether somebody holds the lock of a file alone; None if there is no file, or it cannot be locked."""
+    with suppress(OSError):
+        check_regular(path)
+        with open(path, "rb") as file:
+            if os.name == "nt":
                 return not lock_descriptor(file.fileno(), blocking=False)
+            try:
+                # Readers share it, which NFS allows where a file is open for reading only.
+                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return True
+            return False
     return None
 
 
@@ -95,13 +102,16 @@ def check_regular(path: Path) -> None:
 
 def check_trailer(path: Path) -> None:
     """Raise a StoreError if an earlier version has written the CRC-32 of another content behind a file's own."""
-    if path.stat().st_size > MOST_CHECKED:
-        return
-    content, last = (whole := path.read_bytes())[:-TRAILER_SIZE], whole[-TRAILER_SIZE:]
-    # A flipped bit of the marker itself leaves the rest of it.
-    marked = sum(a == b for a, b in zip(last, TRAILER, strict=False)) >= len(TRAILER) - 1
-    if marked and last != TRAILER + b"%08x" % crc32(content):
-        raise StoreError(f"{path} is damaged: its checksum does not match; {HINT_MOVE}")
+    with open(path, "rb") as file:
+        size = file.seek(0, os.SEEK_END) - len(TRAILER) - 8
+        file.seek(max(size, 0))
+        last = file.read()
+        # A flipped bit of the marker itself leaves the rest of it.
+        if sum(a == b for a, b in zip(last, TRAILER, strict=False)) < len(TRAILER) - 1 or size > MOST_CHECKED:
+            return
+        file.seek(0)
+        if last != TRAILER + b"%08x" % crc32(file.read(size)):
+            raise StoreError(f"{path} is damaged: its checksum does not match; {HINT_MOVE}")
 
 
 def signature(path: Path) -> tuple[int, ...]:
@@ -119,7 +129,7 @@ class Store:
         try:
             self.file = Path(os.path.abspath(Path(path).expanduser()))
         except RuntimeError as problem:  # of a path that begins with ~
-            raise InputError(f"{path}: {problem} write it without ~") from None
+            raise InputError(f"{path}: {str(problem).rstrip('.')}; write it without ~") from None
         if not self.file.name:
             raise InputError(f"{path}: it is the root of all folders, and no file")
         self.parts = self.file.with_name(f"{self.file.name}.parts")

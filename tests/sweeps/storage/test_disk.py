@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from sweeps import LockedError, StoreError, open_results
-from sweeps.storage import netcdf, parts
+from sweeps.storage import parts
 from sweeps.storage.store import Store
 from tests.helpers.backends import assert_right, visible
 from tests.helpers.sweep_programs import end, finished_points, make, start, wait_for
@@ -20,7 +20,7 @@ KEPT = r"could not be written: [^;]*; (finished points are kept; the same run co
 NOTHING = r"could not be written: [^;]*; nothing was finished$"
 
 # Steps on the disk, before each of which a run is killed.
-STEPS = [(os, "replace"), (os, "fsync"), (parts, "pack"), (xr.Dataset, "to_netcdf"), (netcdf, "append_checksum")]
+STEPS = [(os, "replace"), (os, "fsync"), (parts, "pack"), (xr.Dataset, "to_netcdf")]
 STEPS += [(Path, "unlink"), (Path, "mkdir"), (shutil, "rmtree")]
 
 pytestmark = pytest.mark.usefixtures("small_pieces")
@@ -124,11 +124,11 @@ def test_a_disk_full_at_the_end_keeps_the_file_and_all_points(path, monkeypatch)
 def test_places_that_cannot_be_written_to(tmp_path):
     (tmp_path / "file").write_text("")
     for place in (tmp_path / "file" / "a.nc", Path("/proc/sweeps/a.nc"), Path("/proc/a.nc")):
-        with pytest.raises(StoreError, match="choose another folder"):
+        with pytest.raises(StoreError, match="choose another path"):
             make(points=3).plan(place).run()
     plan = make(points=3).plan(tmp_path / "deep" / "a.nc")
     (tmp_path / "deep").write_text("")  # after planning
-    with pytest.raises(StoreError, match=r"cannot be written: .*; choose another folder"):
+    with pytest.raises(StoreError, match=r"cannot be written: .*; choose another path"):
         plan.run()
 
 
