@@ -165,7 +165,7 @@ class Plan(PlanData):
         Parameters
         ----------
         scheduler : str, Dask client or cluster, concurrent.futures.Executor or callable
-            "threads"; "sync": one batch after the other; "processes": a Dask cluster of processes on this machine;
+            "threads"; "sync": one batch after the other; "processes": as many on this machine as `workers`;
             the address of a Dask scheduler, tcp://host:port; or any executor: of threads, of processes, loky's,
             that of mpi4py.futures. Of a function that makes executors a new one is taken if its workers die, and
             the point that kills them fails; an executor itself is not shut down.

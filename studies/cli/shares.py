@@ -23,9 +23,10 @@ def merge(study: str, folders: tuple[str, ...], out: str | None) -> None:
     \b
     fiv run fig5 --share 1/2 --out shares
     fiv run fig5 --share 2/2 --out shares
-    fiv merge fig5 --out shares                   fiv merge fig5 a b --out shares: of jobs with --out a and --out b
+    fiv merge fig5 --out shares
 
-    Missing shares are named; what they would have computed is pending until they have run and all is merged again.
+    DIR are further results folders, in which other jobs have computed their shares. Missing shares are named; what
+    they would have computed is pending until they have run and all is merged again.
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import registry, results, runner
     from sweeps import PENDING, MissingFileError, Store
