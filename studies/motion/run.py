@@ -86,7 +86,8 @@ def job(scene: Scene, duration: float | Until, run: Mapping[str, Any], **recordi
 def summary_of(run: Transient) -> dict[str, Any]:
     """Values of the variables of SUMMARY."""
     # The cut-off has the name of a parameter.
-    left_out = ("stick_times", "stick_starts", "censored_sticks", "settled_early", "simulated_time", "cutoff")
+    left_out = {"stick_times", "stick_starts", "censored_sticks", "settled_early", "simulated_time", "cutoff"}
+    left_out |= {"standard_error_reached"}
     return {name: value for name, value in run.summary.items() if name not in left_out} | {
         "regime": REGIMES.index(run.summary["regime"]),
         "long_sticks": len(run.summary["stick_times"]),

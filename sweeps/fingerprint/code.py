@@ -21,18 +21,8 @@ from types import CellType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 
 from sweeps.errors import InputError
+from sweeps.fingerprint import modules
 from sweeps.fingerprint.bytecode import bytecode, digest, members_of, parts_of
-from sweeps.fingerprint.modules import (
-    ENGINE,
-    contents_of,
-    extension_of,
-    home_of,
-    is_installed,
-    kind_of,
-    loaded,
-    record,
-    source_of,
-)
 
 LONG = 1000  # characters of a text; longer ones count by their digest
 # Names that every module has.
@@ -66,7 +56,7 @@ def covered(functions: Iterable[Any], code: Sequence[str | Path] = (), values: M
     reach.follow()
     texts = {home: "\n".join(sorted(lines)) for home, lines in sorted(reach.lines.items()) if lines}
     found = {home: digest(text.encode()) for home, text in texts.items()}
-    sources = [f"{home} {digest(source_of(home))}" for home in texts if reach.kind(home) == "local"]
+    sources = [f"{home} {digest(modules.source_of(home))}" for home in texts if reach.kind(home) == "local"]
     libraries, found = tuple(sorted(reach.libraries)), _settled.get(str(found), found)
     return Covered(found, contents, digest("\n".join(sources).encode()), libraries)
 
@@ -96,11 +86,13 @@ class _Reach:
     def kind(self, home: str) -> str:
         """Whose code a module is; an installed package that is met counts."""
         root = home.partition(".")[0]
-        kind = "library" if root == ENGINE else kind_of(home)
-        self.libraries |= {root} if root != ENGINE and kind != "local" and is_installed(root) else set()
+        kind = "library" if root == modules.ENGINE else modules.kind_of(home)
+        self.libraries |= (
+            {root} if root != modules.ENGINE and kind != "local" and modules.is_installed(root) else set()
+        )
         if kind == "installed":
-            self.lines.setdefault(root, [record(root)])
-        elif kind == "local" and (extension := extension_of(home)):
+            self.lines.setdefault(root, [modules.record(root)])
+        elif kind == "local" and (extension := modules.extension_of(home)):
             self.lines.setdefault(home, [extension])
         return kind
 
@@ -113,20 +105,24 @@ class _Reach:
         name = getattr(function, "__qualname__", type(function).__qualname__)
         plain = isinstance(function, FunctionType)
         text = self._definition(function, name) if plain else self.text(function, name)
-        text += bytecode(function.__code__).text if plain and home_of(function).startswith(f"{ENGINE}.") else ""
-        self.lines.setdefault(home_of(inner), []).append(text)
+        text += (
+            bytecode(function.__code__).text
+            if plain and modules.home_of(function).startswith(f"{modules.ENGINE}.")
+            else ""
+        )
+        self.lines.setdefault(modules.home_of(inner), []).append(text)
 
     def declare(self, name: str | Path) -> None:
         """Add a file or folder by its bytes, a package or module with all that it defines."""
         if isinstance(name, Path) and name.exists():
-            self.lines.setdefault(name.name, []).append(contents_of(name))
+            self.lines.setdefault(name.name, []).append(modules.contents_of(name))
             return
-        if isinstance(name, Path) or (module := loaded(name)) is None:
+        if isinstance(name, Path) or (module := modules.loaded(name)) is None:
             raise InputError(f"code = {str(name)!r}: there is no such package, module or file")
         inner = pkgutil.walk_packages(getattr(module, "__path__", ()), f"{name}.", onerror=lambda _: None)
         for each in [name, *(each.name for each in inner if not each.name.endswith("__main__"))]:
             if self.kind(each) == "local":
-                items = vars(loaded(each) or object).items()
+                items = vars(modules.loaded(each) or object).items()
                 self.lines.setdefault(each, []).extend(f"{k} = {self.text(v)}" for k, v in items if k not in OWN)
 
     def follow(self) -> None:
@@ -146,7 +142,7 @@ class _Reach:
         if isinstance(value, (FunctionType, type)):
             return self._definition(value)
         if isinstance(value, ModuleType) or callable(value):
-            self.kind(value.__name__ if isinstance(value, ModuleType) else home_of(value))
+            self.kind(value.__name__ if isinstance(value, ModuleType) else modules.home_of(value))
         if isinstance(value, ModuleType):
             return f"module {value.__name__}"
         if id(value) not in self._texts:
@@ -166,7 +162,7 @@ class _Reach:
     def _definition(self, value: Any, holder: str = "") -> str:
         """The name of a function or class, which is followed if it is local."""
         if id(value) not in self._texts:
-            home = home_of(value)
+            home = modules.home_of(value)
             name, kind = f"{home}.{value.__qualname__}", self.kind(home)
             self._texts[id(value)] = value, name
             if kind == "installed":  # an upgrade may have changed RECORD, and not what is loaded
@@ -182,7 +178,7 @@ class _Reach:
     def _define(self, name: str, value: Any, holder: str) -> str:
         parts = self._class(value) if isinstance(value, type) else self._function(value, holder)
         line = f"{name} {list(parts)}"
-        self.lines.setdefault(home_of(value), []).append(line)
+        self.lines.setdefault(modules.home_of(value), []).append(line)
         return line
 
     def _class(self, value: type) -> Iterator[str]:
@@ -209,7 +205,7 @@ class _Reach:
             if self.kind(target) == "local":
                 # Of `import a.b` both are used, of `from a import b` one, which may be a module itself.
                 for each in (target, *([f"{target}.{n}" for n in names] or [target.partition(".")[0]])):
-                    if (module := loaded(each)) is not None:
+                    if (module := modules.loaded(each)) is not None:
                         yield from self._named(each, module, {*names} | code.names)
 
     def _named(self, key: str, value: Any, names: Set[str], holder: str = "") -> Iterator[str]:
