@@ -26,6 +26,8 @@ from sweeps.storage.parts import BatchResult, Failure
 ERROR, WALL_TIME = "error", "wall_time"
 # The result of a function of numbers that returns no dict.
 VALUE = "value"
+# In place of what a function of numbers returns at other points; fits no variable, so that its point fails alone.
+ABSENT = object()
 # Characters of an error text; the traceback has all of them.
 MOST_CHARACTERS = 400
 
@@ -58,7 +60,8 @@ class Pointwise:
             if not isinstance(rows[0], Mapping):
                 return results | {VALUE: every}
             names = dict.fromkeys(name for row in rows for name in row)
-            results |= {name: [row.get(name) for row in every] for name in names}
+            results |= {name: [row.get(name, ABSENT) for row in every] for name in names}
+            results[ERROR] = [own or other for own, other in zip(errors, results[ERROR], strict=True)]
         return results
 
 
@@ -225,7 +228,7 @@ def fits(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
 def _present(values: Any) -> NDArray[Any]:
     """The first of some values that is there."""
     rows = values if isinstance(values, (list, np.ndarray)) else [values]
-    return np.asarray([each for each in rows if each is not None][:1])
+    return np.asarray([each for each in rows if each is not None and each is not ABSENT][:1])
 
 
 def declaration(values: NDArray[Any]) -> str:

@@ -120,6 +120,22 @@ def test_finished_points_are_kept_when_a_later_one_has_an_undeclared_result(path
     assert one.plan(path).run("sync")["y"].values.tolist() == list(range(60))
 
 
+def test_a_point_that_lacks_a_declared_result_fails_alone_in_any_batch(monkeypatch):
+    def partial(x):
+        if x == 5.0:
+            raise ValueError("five")
+        return {"label": "a", "error": None} | ({} if x in (1.0, 4.0) else {"y": x, "note": "b"})
+
+    variables = {"y": Variable(), "label": Variable(dtype="str"), "note": Variable(dtype="str")}
+    found = []
+    for size in (1.0, 1e9):
+        monkeypatch.setattr("sweeps.plan.batches.BATCH_BYTES", size)
+        found.append(Sweep("some", pointwise(partial), {"x": np.arange(30.0)}, variables).plan().run("sync"))
+        assert np.flatnonzero(found[-1]["status"] == 2).tolist() == [1, 4, 5]
+        assert "returned no 'y'" in found[-1]["error"].values[4]
+    xr.testing.assert_equal(*(each.drop_vars("wall_time") for each in found))
+
+
 RETURNS = [
     (lambda x: "text", r"of type <U4, which does not fit float64; it may be declared as Variable\(dtype='str'\)"),
     (lambda x: 2**53 + 1, "of type int64, which does not fit float64"),
