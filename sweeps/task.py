@@ -26,6 +26,8 @@ from sweeps.storage.parts import BatchResult, Failure
 ERROR, WALL_TIME = "error", "wall_time"
 # The result of a function of numbers that returns no dict.
 VALUE = "value"
+# In place of what a function of numbers returns at other points; fits no variable, so that its point fails alone.
+ABSENT = object()
 # Characters of an error text; the traceback has all of them.
 MOST_CHARACTERS = 400
 
@@ -58,7 +60,8 @@ class Pointwise:
             if not isinstance(rows[0], Mapping):
                 return results | {VALUE: every}
             names = dict.fromkeys(name for row in rows for name in row)
-            results |= {name: [row.get(name) for row in every] for name in names}
+            results |= {name: [row.get(name, ABSENT) for row in every] for name in names}
+            results[ERROR] = [own or other for own, other in zip(errors, results[ERROR], strict=True)]
         return results
 
 
@@ -183,7 +186,7 @@ class Task:
             if variable.dtype == "str":
                 # An array of texts and NaN would have the text "nan".
                 texts = np.asarray(returned[name], dtype=object)
-                results[name] = np.frompyfunc(_text, 1, 1)(texts)
+                results[name] = np.array([*map(_text, texts.flat)], dtype=object).reshape(expected)
                 continue
             if not fits(values, np.dtype(variable.dtype)):
                 other = f"; it may be declared as {how}" if (how := declaration(values)) else ""
@@ -199,7 +202,7 @@ class Task:
         """Refuse results that are not declared: they would be lost without a word."""
         for name in (each for each in returned if each not in (*self.variables, ERROR, WALL_TIME)):
             what = f"{name!r}, which is not one of its variables, {', '.join(self.variables)}"
-            how = f"declare it, as {name!r}: {declaration(np.asarray(returned[name])) or 'Variable(...)'}"
+            how = f"declare it, as {name!r}: {declaration(_present(returned[name])) or 'Variable(...)'}"
             raise UndeclaredError(f"the function of sweep {self.name} returned {what}; {how}, or do not return it")
 
 
@@ -212,14 +215,20 @@ def fits(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
         return kind in "biufc"
     if dtype.kind == "b" or kind not in "biuf":
         return dtype.kind == kind == "b"
-    floats = values.astype(float)
-    if dtype.kind == "f":
-        # Beyond 2^53 a float loses digits of whole numbers.
-        most = np.finfo(dtype).max if kind == "f" else 2**53
-        return not np.any(np.isfinite(floats) & (np.abs(floats) > most))
-    # The two least integers mark missing and lost ones; a reader's integers are floats.
-    limit = min(np.iinfo(dtype).max, 2**53)
-    return bool(np.all((floats > -limit) & (floats <= limit) & (floats == np.rint(floats))))
+    if dtype.kind == kind == "f":
+        return not np.any(np.isfinite(values) & (np.abs(values) > np.finfo(dtype).max))
+    # Beyond 2^53 a float, as which readers get integers, too, loses digits.
+    least, most = -(2**53), 2**53
+    if dtype.kind == "i":
+        # The two least integers mark missing and lost ones.
+        least, most = max(least, np.iinfo(dtype).min + 2), min(most, np.iinfo(dtype).max)
+    return bool(np.all((values >= least) & (values <= most) & (values == np.rint(values))))
+
+
+def _present(values: Any) -> NDArray[Any]:
+    """The first of some values that is there."""
+    rows = values if isinstance(values, (list, np.ndarray)) else [values]
+    return np.asarray([each for each in rows if each is not None and each is not ABSENT][:1])
 
 
 def declaration(values: NDArray[Any]) -> str:

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from netCDF4 import default_fillvals
 from numpy.typing import NDArray
 
 from sweeps.errors import HINT_MOVE, UNREADABLE, DamagedError, InputError, StoreError
@@ -49,6 +48,8 @@ def open_netcdf(path: Path, **options: Any) -> xr.Dataset:
 
 def present(variable: xr.Variable) -> NDArray[Any]:
     """Values of a file's variable; an OSError if HDF5 does not find them, and fills in what no result has."""
+    from netCDF4 import default_fillvals  # slow, and not every command reads a file
+
     about, values = variable.attrs | variable.encoding, variable.values
     kind = np.dtype(about.get("dtype", values.dtype)).str[1:]
     # Any byte may be a result, unless it is a flag; earlier versions chose the value, and have a trailer.
@@ -85,13 +86,16 @@ class FileSource:
         """Values of a variable at some rows; the smallest box around them is read from the disk."""
         index = np.unravel_index(rows, self.grid.shape)
         box = tuple(slice(int(each.min()), int(each.max()) + 1) for each in index)
+        values = self._values(name, box)
+        return np.asarray(values[tuple(each - cut.start for cut, each in zip(box, index, strict=True))])
+
+    def _values(self, name: str, box: Any = ...) -> NDArray[Any]:
         try:
-            values = present(self.data[name].variable[box])
+            return present(self.data[name].variable[box])
         except InputError as problem:
             raise StoreError(f"{self.path} {problem}") from None
         except UNREADABLE:
             raise StoreError(f"{self.path} {DAMAGED}") from None
-        return np.asarray(values[tuple(each - cut.start for cut, each in zip(box, index, strict=True))])
 
     @property
     def failures(self) -> dict[int, Failure]:
@@ -100,8 +104,8 @@ class FileSource:
         errors = self.read("error", rows).tolist() if len(rows) else []
         reasons = {row: Failure(error) for row, error in zip(rows.tolist(), errors, strict=True)}
         if "failure" in self.data.dims:
-            at = self.grid.locate({name: self.data[f"failure_{name}"].values for name in self.grid.axes})
-            lines = zip(*(self.data[name].values.tolist() for name in ("traceback", "reproduce")), strict=True)
+            at = self.grid.locate({name: self._values(f"failure_{name}") for name in self.grid.axes})
+            lines = zip(*(self._values(name).tolist() for name in ("traceback", "reproduce")), strict=True)
             reasons |= {k: Failure(reasons[k].error, *each) for k, each in zip(at.tolist(), lines, strict=True)}
         return reasons
 
@@ -301,14 +305,13 @@ def _failure_table(table: Table, reasons: Mapping[int, Failure]) -> dict[str, An
 def attributes(described: Axis | Variable, name: str) -> dict[str, Any]:
     """CF attributes of an axis or a variable; its `name` replaces a missing long name."""
     found: dict[str, Any] = {"units": described.units, "long_name": described.long_name or name}
-    if (described.values.dtype.kind == "U") if isinstance(described, Axis) else described.dtype == "str":
+    variable = described if isinstance(described, Variable) else Variable()
+    if variable.dtype == "str" or (isinstance(described, Axis) and described.values.dtype.kind == "U"):
         found["units"] = ""  # strings have none
-    elif isinstance(described, Axis):
-        pass
-    elif described.digits is not None:
-        found["comment"] = f"kept to {described.digits} significant digits"
-    elif described.flags is not None:
-        found |= {"units": ""} | flag_attributes(described.flags, described.dtype)
+    elif variable.digits is not None:
+        found["comment"] = f"kept to {variable.digits} significant digits"
+    elif variable.flags is not None:
+        found |= {"units": ""} | flag_attributes(variable.flags, variable.dtype)
     return {name: value for name, value in found.items() if not isinstance(value, str) or value}
 
 

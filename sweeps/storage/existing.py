@@ -81,7 +81,8 @@ def _combined(manifests: Sequence[tuple[Store, Manifest]]) -> Manifest:
 def check_replaceable(store: Store, name: str) -> None:
     """Refuse to start over where that would destroy the results of anything but the sweep `name`."""
     if store.file.exists():
-        _own_file(store, name).close()
+        with _open(store) as data:
+            _check_name(store.file, data.attrs.get("sweep"), name)
     try:
         _check_name(store.parts, getattr(Manifest.load(store), "name", name), name)
     except StoreError as problem:
@@ -114,7 +115,8 @@ def _check_name(place: Path, owner: str | None, name: str) -> None:
 def _finished(store: Store, name: str, fingerprint: dict[str, Any], *, code: bool = True) -> Existing:
     """A finished file."""
     path = store.file
-    with _own_file(store, name) as data:
+    with _open(store) as data:
+        _check_name(path, data.attrs.get("sweep"), name)
         _check_same(path, data.attrs, fingerprint, code=code)
         try:
             stored = json.loads(data.attrs["fingerprint"])
@@ -129,18 +131,11 @@ def _finished(store: Store, name: str, fingerprint: dict[str, Any], *, code: boo
     return Existing(grid, [FileSource(path, grid, environments)], data.attrs)
 
 
-def _own_file(store: Store, name: str) -> xr.Dataset:
-    """The open file of the sweep `name`."""
+def _open(store: Store) -> xr.Dataset:
     try:
-        data = open_netcdf(store.file, cache=False)
+        return open_netcdf(store.file, cache=False)
     except InputError as problem:
         raise StoreError(f"{store.file} {problem}") from None
-    try:
-        _check_name(store.file, data.attrs.get("sweep"), name)
-    except StoreError:
-        data.close()
-        raise
-    return data
 
 
 def _check_same(

@@ -4,7 +4,13 @@ import errno
 import fcntl
 import os
 import re
+import shutil
 import stat
+import subprocess
+import sys
+import sysconfig
+import venv
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +20,7 @@ import xarray as xr
 from sweeps import InputError, LockedError, StoreError, check_free, open_results, status
 from sweeps.storage import assemble, store
 from sweeps.storage.store import Store
+from tests import HOME
 from tests.helpers.waves import GRID, NAMES, interrupted, sweep
 from tests.helpers.windows import Removing, Windows, closed
 
@@ -195,3 +202,46 @@ def test_a_user_without_a_home_or_an_entry_may_run(path, monkeypatch):
     assert sweep().plan(path).run("sync")["status"].values.all()
     with pytest.raises(InputError, match=r"^~/a\.nc: .*; write it without ~$"):
         sweep().plan("~/a.nc")
+
+
+PROGRAM = """
+import os, sys
+from windows import Removing, Windows, closed
+for name in ("replace", "unlink", "remove"):
+    setattr(os, name, closed(getattr(os, name)))
+os.symlink = os.link = None
+from sweeps.storage import store
+store.os, store.FileLock = Windows(), Removing
+from studies.cli.main import main
+main()
+"""
+
+
+@pytest.mark.slow
+def test_the_wheel_is_pure_python_and_fig5_runs_where_files_are_as_under_windows(tmp_path):
+    """Installed beside the present libraries, away from the sources; the file of the result grows, too."""
+    sources, dist, home = (tmp_path / name for name in ("sources", "dist", "env"))
+    for name in ("fivcore", "sweeps", "studies"):
+        shutil.copytree(HOME / name, sources / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md"):
+        shutil.copy(HOME / name, sources)
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
+    subprocess.run([*pip, "wheel", "-q", "--no-deps", "--wheel-dir", dist, sources], check=True)
+    (wheel,) = dist.iterdir()
+    assert wheel.name.endswith("-py3-none-any.whl")
+    assert not [name for name in zipfile.ZipFile(wheel).namelist() if name.endswith((".so", ".pyd", ".dll"))]
+    venv.create(home)
+    python = home / "bin" / "python"
+    subprocess.run([*pip, "--python", python, "install", "-q", "--no-deps", wheel], check=True)
+    (site,) = home.glob("lib/python*/site-packages")
+    (site / "present.pth").write_text(sysconfig.get_path("purelib"))
+    shutil.copy(HOME / "tests" / "helpers" / "windows.py", site)
+    here = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "FIV_RESULTS", "HOME")}
+    for more, count in ([], 501), (["--set", "mu=0.1234"], 1), ([], 501):
+        fig5 = [python, "-c", PROGRAM, "run", "fig5", "--yes", *more]
+        done = subprocess.run(fig5, cwd=tmp_path, env=here, text=True, capture_output=True)
+        assert done.returncode == 0, done.stderr
+        assert re.search(rf"points +{count}\n", done.stderr)
+    file = tmp_path / "results" / "fig5" / "fig5.nc"
+    assert status(file).done == 502
+    assert sorted(os.listdir(file.parent)) == ["fig5.nc", "fig5.png"]
