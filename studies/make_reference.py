@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from studies import registry, runner
+from studies.accuracy.study import COSTS
 from studies.results import REFERENCE
 from studies.study import Study
 from sweeps import Adopt, open_results
@@ -44,7 +45,7 @@ def main() -> None:
             catalogue[name] = entry(study, folder)
             print(store)
         else:
-            plan = study.sweep({}).plan(store, adopt=Adopt(arguments.adopt, exact=True))
+            plan = study.sweep({}).plan(store, adopt=Adopt(arguments.adopt, exact=True, measured=COSTS))
             plan.run()
             print(f"{store}: {plan.adopted or 'its code has not changed'}")
     ordered = {name: catalogue[name] for name in registry.NAMES if name in catalogue}

@@ -85,13 +85,9 @@ def job(scene: Scene, duration: float | Until, run: Mapping[str, Any], **recordi
 
 def summary_of(run: Transient) -> dict[str, Any]:
     """Values of the variables of SUMMARY."""
-    # The cut-off has the name of a parameter.
-    left_out = {"stick_times", "stick_starts", "censored_sticks", "settled_early", "simulated_time", "cutoff"}
-    left_out |= {"standard_error_reached"}
-    return {name: value for name, value in run.summary.items() if name not in left_out} | {
-        "regime": REGIMES.index(run.summary["regime"]),
-        "long_sticks": len(run.summary["stick_times"]),
-    }
+    regime, sticks = REGIMES.index(run.summary["regime"]), len(run.summary["stick_times"])
+    values = {**run.summary, "regime": regime, "long_sticks": sticks}
+    return {name: values[name] for name in SUMMARY if name in values}
 
 
 def check(

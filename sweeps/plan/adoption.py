@@ -19,11 +19,15 @@ SHARE = 0.1
 
 @dataclass(frozen=True)
 class Adopt:
-    """How stored results are adopted: computations to repeat, the seed that chooses; whether bits must agree."""
+    """How stored results are adopted: computations to repeat, the seed that chooses; whether bits must agree.
+
+    Variables of `measured` are of the machine, like computing times, and not compared.
+    """
 
     count: int
     seed: int | None = None
     exact: bool = False
+    measured: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,7 @@ class Adoption:
     stored: int
     seed: int
     exact: bool
+    measured: tuple[str, ...]
 
     def __str__(self) -> str:
         return f"{len(self.points)} of {self.stored} stored computations are repeated first (seed {self.seed})"
@@ -50,9 +55,8 @@ def choose(adopt: Any, table: Table) -> Adoption:
         raise StoreError("adopt: no point is stored that could be computed again")
     seed = secrets.randbelow(1 << 32) if seed is None else seed
     ends = np.arange(min(count, len(stored)) + 1) * len(stored) // min(count, len(stored))
-    return Adoption(
-        stored[np.random.default_rng(seed).integers(ends[:-1], ends[1:])], len(stored), seed, adopt.exact
-    )
+    points = stored[np.random.default_rng(seed).integers(ends[:-1], ends[1:])]
+    return Adoption(points, len(stored), seed, adopt.exact, adopt.measured)
 
 
 def confirm(adoption: Adoption, before: Table, after: Table) -> str:
@@ -75,7 +79,7 @@ def _compared(adoption: Adoption, before: Table, after: Table, point: int) -> li
     refused = f"the results are not adopted, and nothing has changed: at {place}"
     if after.status[point] != DONE:
         raise StoreError(f"{refused} the computation fails now: {after.reasons()[point].error}")
-    names, row = before.manifest.variables, slice(point, point + 1)
+    names, row = [n for n in before.manifest.variables if n not in adoption.measured], slice(point, point + 1)
     both = {name: [np.asarray(table.values(name, row)[0]) for table in (before, after)] for name in names}
     differ = [name for name, (a, b) in both.items() if not _equal_entries(a, b).all()]
     # A run whose statistics differ, though within their errors, is chaotic: nothing of it has the same bits.

@@ -117,8 +117,7 @@ DRAWN = {
 }
 
 
-@pytest.mark.filterwarnings("ignore::sweeps.FailedPointsWarning")  # one case is of a point that fails
-@pytest.mark.filterwarnings("error")
+@pytest.mark.filterwarnings("error", "ignore::sweeps.FailedPointsWarning")
 @pytest.mark.parametrize("case", DRAWN)
 def test_every_map_has_its_figure_and_nothing_is_clipped(case):
     how, expected = DRAWN[case]
