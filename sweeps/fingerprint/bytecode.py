@@ -16,7 +16,8 @@ import numpy as np
 COMPILER = f"{sys.implementation.cache_tag} -O{sys.flags.optimize}"
 # Members of classes that count even if they are named like those of Python.
 MEMBERS = (FunctionType, property, staticmethod, classmethod, int, float)
-# Random generators of whole modules, seeded anew by each process; SciPy's distributions have one of them.
+# Random generators of whole modules, seeded anew by each process; SciPy's distributions have one of them. These
+# count by their type, as locks do.
 GENERATORS: tuple[Any, ...] = (random.random.__self__, np.random.random.__self__)  # type: ignore[attr-defined]
 LOADS = {"LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS", "STORE_GLOBAL"}
 
@@ -79,7 +80,7 @@ def parts_of(value: Any) -> Iterable[Any]:
         return tuple(value)
     if kind in (dict, MappingProxyType):
         return [each for item in value.items() for each in item]
-    if any(value is each for each in GENERATORS):
+    if any(value is each for each in GENERATORS) or (hasattr(value, "acquire") and hasattr(value, "release")):
         return (kind,)
     if kind is property:
         return value.fget, value.fset, value.fdel
