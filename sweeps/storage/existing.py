@@ -198,7 +198,7 @@ def _loaded(data: xr.Dataset, path: Path, axes: Sequence[str]) -> xr.Dataset:
         if at_once:
             check_trailer(path)
         for name in data.variables if axes else ["status"]:
-            if at_once or data[name].nbytes * 10 <= READ_AT_ONCE:
+            if at_once or not axes or data[name].nbytes * 10 <= READ_AT_ONCE:
                 present(data[name].load().variable)
     except StoreError as problem:
         raise InputError(str(problem)) from None
@@ -208,9 +208,8 @@ def _loaded(data: xr.Dataset, path: Path, axes: Sequence[str]) -> xr.Dataset:
         if at_once or not axes:
             data.close()
     # Earlier versions stored an axis in single precision.
-    single = [
-        n for n in (*axes, *(f"failure_{axis}" for axis in axes)) if n in data and data[n].dtype == np.float32
-    ]
+    names = [name for axis in axes for name in (axis, f"failure_{axis}") if name in data]
+    single = [name for name in names if data[name].dtype == np.float32]
     return data.assign({n: (data[n].dims, axis_values(data[n].values), data[n].attrs) for n in single})
 
 

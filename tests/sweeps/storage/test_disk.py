@@ -57,16 +57,19 @@ def killed_at(number, run):
     return os.WIFSIGNALED(os.waitpid(child, 0)[1])
 
 
-@pytest.mark.parametrize("old", [pytest.param(0, marks=pytest.mark.slow), 2])
-def test_killed_before_any_step_on_the_disk_a_run_computes_the_missing_points_only(tmp_path, old):
+EACH = [pytest.param(old, 1, marks=pytest.mark.slow) for old in (0, 2)]
+
+
+@pytest.mark.parametrize(("old", "every"), [*EACH, (2, 4)])
+def test_killed_before_any_step_on_the_disk_a_run_computes_the_missing_points_only(tmp_path, old, every):
     """In particular between writing the file and removing the parts; of a new file, and of one that grows."""
     path, log = tmp_path / "store" / "powers.nc", tmp_path / "log"
     store, killed = Store(path), True
     if old:
         make(points=old, log=log).plan(tmp_path / "old.nc").run("sync")
-    number = bool(old)  # the two cases share the steps
+    number = 0
     while killed:
-        number += 2
+        number += every
         path.parent.mkdir()
         if old:
             shutil.copy(tmp_path / "old.nc", path)
