@@ -17,7 +17,7 @@ COMPILER = f"{sys.implementation.cache_tag} -O{sys.flags.optimize}"
 # Members of classes that count even if they are named like those of Python.
 MEMBERS = (FunctionType, property, staticmethod, classmethod, int, float)
 # Random generators of whole modules, seeded anew by each process; SciPy's distributions have one of them. These
-# count by their type, as locks do.
+# count by their type.
 GENERATORS: tuple[Any, ...] = (random.random.__self__, np.random.random.__self__)  # type: ignore[attr-defined]
 LOADS = {"LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS", "STORE_GLOBAL"}
 
@@ -80,8 +80,10 @@ def parts_of(value: Any) -> Iterable[Any]:
         return tuple(value)
     if kind in (dict, MappingProxyType):
         return [each for item in value.items() for each in item]
-    if any(value is each for each in GENERATORS) or (hasattr(value, "acquire") and hasattr(value, "release")):
+    if any(value is each for each in GENERATORS):
         return (kind,)
+    if hasattr(value, "acquire") and hasattr(value, "release"):
+        raise TypeError("a lock has no content")
     if kind is property:
         return value.fget, value.fset, value.fdel
     if hasattr(value, "gen") and hasattr(value, "func"):  # a context manager that decorates

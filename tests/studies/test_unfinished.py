@@ -73,9 +73,9 @@ def test_what_is_there_is_told_and_drawn(name, holes, results):
         (("theta=2:8:3", None), "onset_mu"),
     ],
 )
-def test_maps_too(sides, quantities, holes):
+def test_maps_too(sides, quantities, holes, tmp_path):
     fix = {"max_duration": 0.1, "min_duration": 0.02} if "regime" in quantities else {}
-    study, planned = maps.plan(*sides, quantities, fix)
+    study, planned = maps.plan(*sides, quantities, fix, out=tmp_path)
     data = planned.run("sync")
     pending = xr.DataArray(HOLES[holes](data["status"].shape), dims=data["status"].dims)
     for name in [*study.outputs]:

@@ -7,10 +7,10 @@ import xarray as xr
 
 from sweeps import Axis, InputError, StoreError, Sweep, Variable, open_results, pointwise, status
 from tests.helpers.backends import INSIDE, visible
+from tests.helpers.state import Chosen
 from tests.helpers.waves import interrupted
 
-FAILING: set[float] = set()
-LABELLED: set[float] = set()
+FAILING, LABELLED = Chosen(), Chosen()
 STATES = {"missing": None, "short": "µ", "long": "no\0thing " * 40}
 
 
