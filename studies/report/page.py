@@ -124,7 +124,7 @@ def page(sections: Sequence[Section], broken: Sequence[str]) -> str:
 
 
 def friction(sections: Sequence[Section]) -> str:
-    """What the results of the page say of friction."""
+    """Describe the law of friction of the results on the page."""
     falls = [
         result.name
         for result, _ in sections

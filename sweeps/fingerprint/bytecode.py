@@ -69,7 +69,7 @@ def _constant(value: Any) -> str:
 
 
 def parts_of(value: Any) -> Iterable[Any]:
-    """What a value consists of: where nothing better is known, the parts of its pickle; else it raises."""
+    """Return the parts of a value; where nothing better is known, those of its pickle, which may raise."""
     kind = type(value)
     if kind.__module__ == "threadpoolctl":
         raise TypeError("its state is that of this process: addresses and paths of libraries")
@@ -98,7 +98,7 @@ def parts_of(value: Any) -> Iterable[Any]:
 
 
 def members_of(value: type) -> Iterator[tuple[str, Any]]:
-    """What a class defines, with its annotations; of a class that Numba compiles its methods and types."""
+    """Yield the members of a class, with its annotations; of one that Numba compiles its methods and types."""
     compiled: Any = getattr(value, "class_type", None)
     if hasattr(compiled, "jit_methods"):
         yield "methods", dict(compiled.jit_methods)

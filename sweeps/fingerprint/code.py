@@ -209,7 +209,7 @@ class _Reach:
                         yield from self._named(each, module, {*names} | code.names)
 
     def _named(self, key: str, value: Any, names: Set[str], holder: str = "") -> Iterator[str]:
-        """What a name stands for; of a module those of its attributes that are in `names`."""
+        """Describe the value of a name; of a module those of its attributes that are in `names`."""
         if isinstance(value, ModuleType) and self.kind(value.__name__) != "library":
             for each in sorted(names & vars(value).keys()):
                 if (place := (value.__name__, each)) not in self._open:
