@@ -59,7 +59,7 @@ class Study:
     claims : sequence of Claim
         What the paper prints, to stand beside the result.
     coords : mapping of str to Axis, or callable
-        Axes of the outputs' own dimensions; a callable takes parameters by name.
+        Axes of the outputs' own dimensions; a callable takes parameters by name, or `rig`, the first.
     check : callable, optional
         Takes parameters by name, one value or an array, or `rig`, the first; raises `ValueError` for what cannot
         be computed.
@@ -228,7 +228,7 @@ class Study:
             axes = {first: self._axis(first, fixed.pop(first))}
         grid = self._grid(axes, draws, columns, samples, seed, sampling)
         check_size(grid)
-        outputs, coords = dict(self.outputs), dict(inner) | self._coords(fixed)
+        outputs, coords = dict(self.outputs), dict(inner) | self._coords(fixed, grid.axes)
         for name, variable in outputs.items() if followed else ():
             dims = tuple(followed if dim == "followed" else dim for dim in variable.dims)
             outputs[name] = replace(variable, dims=dims)
@@ -344,10 +344,15 @@ class Study:
             return Grid({**table, **axes}, zipped=tuple(table), sampling={"method": "a table"})
         return Grid(axes)
 
-    def _coords(self, fixed: Mapping[str, Any]) -> dict[str, Axis]:
+    def _coords(self, fixed: dict[str, Any], axes: Mapping[str, Axis]) -> dict[str, Axis]:
         if not callable(self.coords):
             return dict(self.coords)
         names = inspect.signature(self.coords).parameters
+        if "rig" in names:
+            fixed = {
+                **fixed,
+                "rig": scenes.rig_of(fixed | {n: axes[n].values[0].item() for n in RIG if n in axes}),
+            }
         for name in names:
             if name not in fixed:
                 raise InputError(
@@ -498,7 +503,7 @@ def compute(call: Call, points: Mapping[str, Any], **fixed: Any) -> dict[str, An
             found = dict(call.function(**given))
             # Without an argument that varies all points have one result, as those of a table that repeat.
             repeats = given.keys().isdisjoint({"scenes", *(points.keys() - {*call.common})})
-            results.append({k: _padded(v, size, call.shapes.get(k), repeats) for k, v in found.items()})
+            results.append({k: _padded(k, v, size, call.shapes.get(k), repeats) for k, v in found.items()})
         except BatchError as problem:
             # Every point fails: the engine would hide the mistake, since batches of a single point succeed.
             results.append({"error": [problem] * size} if len(groups) == 1 else problem)
@@ -541,7 +546,7 @@ class BatchError(ValueError):
     """A study's function returned one value for several points."""
 
 
-def _padded(value: Any, count: int, shape: tuple[int, ...] | None, repeats: bool) -> Any:
+def _padded(name: str, value: Any, count: int, shape: tuple[int, ...] | None, repeats: bool) -> Any:
     """An output of the declared shape, filled with NaN where the function returned fewer entries."""
     if shape is None:
         return value
@@ -555,6 +560,8 @@ def _padded(value: Any, count: int, shape: tuple[int, ...] | None, repeats: bool
     missing = [(0, 0), *((0, full - size) for full, size in zip(shape, values.shape[1:], strict=True))]
     if not any(more for _, more in missing):
         return values
+    if min(more for _, more in missing) < 0:
+        raise InputError(f"{name}: {values.shape[1:]} values at a point, for which the file has room for {shape}")
     return np.pad(values.astype(float), missing, constant_values=np.nan)
 
 

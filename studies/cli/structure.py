@@ -60,7 +60,7 @@ def structure(file: str, out: str | None, fmax: str, mu: float) -> None:
         mmwrite(name, (upper + triu(upper, 1).T)[free][:, free])
     np.savetxt("rows.txt", rows[free] + [0, 1], "%d")
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from fivcore import Structure, checks, flutter_onsets
+    from fivcore import Structure, checks, flutter_onsets, painleve_mu
     from studies import spec
     from studies.plotting import figures, receptances
     from studies.request import structure_of
@@ -77,6 +77,8 @@ def structure(file: str, out: str | None, fmax: str, mu: float) -> None:
         show("\n".join(_onsets(onsets, band, mu)))
     except ArithmeticError as problem:
         show(f"flutter onsets: they could not be computed: {problem}")
+    if (limit := painleve_mu(own, 0.0)) <= mu:
+        show(f"the contact force is not unique from mu = {limit:.5g} on (Painlevé's paradox)")
     show("\n".join(hints(own)), end="\n" if any(hints(own)) else "")
     target = results_folder(out) / "structure" / f"{Path(file).stem}.png"
     with figures.style(), written(target) as temporary:
@@ -120,9 +122,15 @@ def effective_mass(own: Structure, row: Any) -> float:
 
 
 def _onsets(onsets: FlutterOnsets, fmax: float, mu: float) -> Iterator[str]:
-    rows = [(f"{a:.5g}", f"{b:.6g}") for a, b in zip(onsets.mu, onsets.frequency, strict=True)]
-    yield f"\n{'flutter onsets' if rows else 'no flutter onset'} up to mu = {mu:g}, below {fmax:g} Hz"
-    yield columns([("mu", "Hz"), *rows]) if rows else ""
+    """Where modes begin to grow and where they recover, ascending in mu, and where the contact jams."""
+    crossings = [(a, b, "onset") for a, b in zip(onsets.mu, onsets.frequency, strict=True)]
+    crossings += [(a, b, "recovery") for a, b in zip(onsets.recovery_mu, onsets.recovery_frequency, strict=True)]
+    crossings += [(each, fmax, "a growing pair enters the band") for each in onsets.entry_mu]
+    rows = [(f"{a:.5g}", f"{b:.6g}", text) for a, b, text in sorted(crossings)]
+    yield f"\n{'flutter' if rows else 'no flutter onset'} up to mu = {mu:g}, below {fmax:g} Hz"
+    yield columns([("mu", "Hz", ""), *rows]) if rows else ""
+    if onsets.divergence_mu <= mu:
+        yield f"jams: growth without oscillation from mu = {onsets.divergence_mu:.5g} on"
 
 
 def hints(own: Structure) -> Iterator[str]:
