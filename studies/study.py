@@ -59,7 +59,8 @@ class Study:
     claims : sequence of Claim
         What the paper prints, to stand beside the result.
     coords : mapping of str to Axis, or callable
-        Axes of the outputs' own dimensions; a callable takes parameters by name, or `rig`, the first.
+        Axes of the outputs' own dimensions; a callable takes parameters by name, or `rig`; of
+        several rigs the longest axes count.
     check : callable, optional
         Takes parameters by name, one value or an array, or `rig`, the first; raises `ValueError` for what cannot
         be computed.
@@ -347,21 +348,32 @@ class Study:
     def _coords(self, fixed: dict[str, Any], axes: Mapping[str, Axis]) -> dict[str, Axis]:
         if not callable(self.coords):
             return dict(self.coords)
-        names = inspect.signature(self.coords).parameters
-        if "rig" in names:
-            fixed = {
-                **fixed,
-                "rig": scenes.rig_of(fixed | {n: axes[n].values[0].item() for n in RIG if n in axes}),
-            }
+        names = [name for name in inspect.signature(self.coords).parameters if name != "rig"]
         for name in names:
             if name not in fixed:
                 raise InputError(
                     f"{name}: it decides the size of the results of study {self.name}; give one value"
                 )
-        try:
-            return dict(self.coords(**{name: fixed[name] for name in names}))
-        except ValueError as problem:
-            raise InputError(str(problem)) from None
+        given, found, problems = {name: fixed[name] for name in names}, dict[str, Axis](), [""]
+        for numbers in self._extremes(axes):
+            try:
+                rig = {"rig": scenes.rig_of(fixed | numbers)} if numbers is not None else {}
+                each = self.coords(**given, **rig)
+            except ValueError as problem:
+                problems.append(str(problem))
+                continue
+            found = {name: max(found.get(name, axis), axis, key=len) for name, axis in each.items()}
+        if not found:
+            raise InputError(problems[-1])
+        return found
+
+    def _extremes(self, axes: Mapping[str, Axis]) -> list[dict[str, Any] | None]:
+        """Numbers of the rigs by which a size is decided: the ends of each that varies; None if by no rig."""
+        assert callable(self.coords)
+        if "rig" not in inspect.signature(self.coords).parameters:
+            return [None]
+        varied = [(name, axes[name].values) for name in RIG if name in axes]
+        return [{}, *({name: end(values).item()} for name, values in varied for end in (np.min, np.max))]
 
     def _recorded(
         self, names: tuple[str, ...], sample_rate: float | None, fixed: dict[str, Any]

@@ -163,8 +163,8 @@ def flutter_onsets(
         values = {"mu": 0.0, "V": float(speed or 0.0), "F": float(load or 0.0)}
         return _own_onsets(structure_of(rig, angle), fmax, mu_max, friction, values)
     found = flutter_onsets_many({"theta": angle}, fmax, mu_max, rig)
-    *arrays, divergence = (getattr(found, each.name)[0] for each in fields(FlutterOnsets))
-    return FlutterOnsets(*(each.copy() for each in arrays), float(divergence))
+    own: Any = {each.name: getattr(found, each.name)[0].copy() for each in fields(FlutterOnsets)}
+    return FlutterOnsets(**own | {"divergence_mu": float(own["divergence_mu"])})
 
 
 def _own_onsets(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from fivcore import FlutterOnsets, Rig, Structure, flutter_onsets, sliding_modes
+from fivcore import Rig, Structure, flutter_onsets, sliding_modes
 from studies import paper, summary
 from studies.claims import Claim, is_papers_point, rig_text
 from studies.motion.run import BAND
@@ -29,8 +29,9 @@ from sweeps import Axis
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Room for modes that enter the band as friction rises, besides those that are there without friction.
-SPARE = 8
+# A file has room for at least so many modes that enter the band as friction rises, and for as many by which rigs
+# of one file differ.
+ROOM = 10
 KINDS = {"onset": "flutter onset", "recovery": "recovery"}
 OUTPUTS = {
     "frequency": ("Hz", "frequency of the sliding mode", "mode"),
@@ -46,8 +47,8 @@ CLAIMS = tuple(
 
 def coords(rig: Rig | Structure) -> dict[str, Axis]:
     """The numbers of the modes."""
-    count = sliding_modes(rig, 0.0, 0.0, BAND).frequency.size + SPARE
-    return {"mode": Axis(np.arange(1, count + 1), "1", "mode, ascending in frequency")}
+    count = sliding_modes(rig, 0.0, 0.0, BAND).frequency.size
+    return {"mode": Axis(np.arange(1, ROOM * (count // ROOM + 2) + 1), "1", "mode, ascending in frequency")}
 
 
 def modes(rig: Rig, theta: float, mu: np.ndarray) -> dict[str, np.ndarray]:
@@ -58,10 +59,8 @@ def modes(rig: Rig, theta: float, mu: np.ndarray) -> dict[str, np.ndarray]:
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:
     """Add onsets, recoveries and divergence within the range of mu, computed as roots and not on the grid."""
-    largest, nothing = float(dataset["mu"].max()), np.empty(0)
-    found = FlutterOnsets(*[nothing] * 5, float("nan"))
-    if largest > 0.0:
-        found = flutter_onsets(rig_of(dataset), float(dataset["theta"]), BAND, largest)
+    largest = max(float(dataset["mu"].max()), 1e-12)  # without friction nothing grows
+    found = flutter_onsets(rig_of(dataset), float(dataset["theta"]), BAND, largest)
     crossings = (found.mu, found.frequency), (found.recovery_mu, found.recovery_frequency)
     for (kind, name), (mu, frequency) in zip(KINDS.items(), crossings, strict=True):
         dataset[f"{kind}_mu"] = kind, mu, {"units": "1", "long_name": f"coefficient of friction at the {name}"}
