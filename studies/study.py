@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from fivcore import Structure, checks
 from studies.motion import scenes, series
+from studies.motion.above import with_growth_above
 from studies.parameters import FRICTION, RIG, SCENE, Parameter, suggest
-from studies.results import is_usual, settled
+from studies.results import is_usual, settled, structure_in
 from sweeps import DONE, PENDING, Axis, Grid, InputError, Sample, Sweep, Variable, check_size
 
 if TYPE_CHECKING:
@@ -264,7 +265,7 @@ class Study:
             scale=partial(scenes.factors, fixed=numbers) if copies else None,
             coords={name: axis for name, axis in coords.items() if name not in grid.axes},
             title=self.title,
-            derive=partial(finish, self.derive, self.dims, about),
+            derive=partial(finish, self.derive, self.dims, about, "scenes" in self.takes),
             # The modes of P1, of a rig and of an inclination are computed once for neighbours.
             order_by=() if draws or columns else tuple(name for name in axes if name not in unordered),
             request={"fixed": about},
@@ -581,8 +582,13 @@ def finish(
     derive: Callable[[xr.Dataset], xr.Dataset] | None,
     dims: tuple[str, ...],
     about: Mapping[str, tuple[Any, str, str]],
+    moves: bool,
     dataset: xr.Dataset,
 ) -> xr.Dataset:
-    """Add the fixed parameters as scalar coordinates, and what the study derives from its usual dimensions."""
+    """Add the fixed parameters as scalar coordinates, and what the study derives from its usual dimensions.
+
+    A study in which scenes move gets what grows above the band, too.
+    """
     dataset = settled(dataset, about)
+    dataset = with_growth_above(dataset, structure_in(dataset) or None) if moves else dataset
     return derive(dataset) if derive is not None and is_usual(dataset, dims) else dataset

@@ -22,9 +22,11 @@ from fivcore.errors import (
     fixed_contact,
     out_of_band,
 )
+from fivcore.jit import Array
 from fivcore.rig import Rig, Scene, Structural, checked_theta
 from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
+from fivcore.transient.fast.steady import eigenvalues, growing
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import Options, Until, law_options, options_for
 
@@ -186,6 +188,41 @@ def request(scene: Scene, arguments: dict[str, Any]) -> tuple[Scene, Normalised,
     checked = options_for(scene, normalised, arguments)
     rig = published.with_numerical_damping(normalised.rig, checked.method, checked.numerical_damping)
     return scene, replace(normalised, rig=rig), checked
+
+
+def growing_frequencies(
+    scene: Scene, *, cutoff: float | None = None, numerical_damping: str | None = None
+) -> Array:
+    """Frequencies of growing motions about steady sliding in the reduced model by which `simulate` moves.
+
+    Its modes reach far above the band in which stability is usually asked (`sliding_modes`): what grows only there
+    drives the motion, too.
+
+    Parameters
+    ----------
+    scene : Scene
+    cutoff, numerical_damping
+        As in `simulate` with method "fast".
+
+    Returns
+    -------
+    ndarray, (n,)
+        Hz, ascending; 0 for a motion that grows without oscillation.
+
+    Raises
+    ------
+    ValueError, ContactError
+        For a bad argument; where the contact force is not unique.
+    """
+    arguments = {each.name: each.default for each in signature(simulate).parameters.values()}
+    arguments |= {"duration": 1.0, "cutoff": cutoff, "numerical_damping": numerical_damping}
+    del arguments["scene"]
+    _, scaled, options = request(scene, arguments)
+    model = reduced_model(scaled.rig, scaled.theta, options.cutoff)
+    law, speed = scaled.friction, scaled.speed_per_load
+    return growing(
+        eigenvalues(model, scaled.mu * law.ratio(speed), model.default_step, -scaled.mu * law.slope(speed))
+    )
 
 
 def painleve_mu(
