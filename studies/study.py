@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Structure, checks
+from fivcore import Rig, Structure, checks, flutter_onsets
+from fivcore.errors import SceneError
+from studies import paper
 from studies.motion import scenes, series
 from studies.motion.above import with_growth_above
 from studies.parameters import FRICTION, RIG, SCENE, Parameter, suggest
@@ -29,6 +31,8 @@ __all__ = ["Parameter", "Study"]
 SAMPLES, SEED, SAMPLING = 1024, 0, "sobol"
 # Values of an axis, and draws, that are checked before a run; others fail by themselves.
 CHECKED, DRAWS_CHECKED = 10_000, 16
+# Largest friction at which the first onset of a structure is sought.
+MOST_FRICTION = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,8 +212,8 @@ class Study:
                 raise InputError(f"{name}: it is a column of the points already; give one of the two")
         parameters, fixed = self.parameters, dict[str, Any]()
         if structure is not None:
-            parameters = self._without_beams({**requested, **columns})
             own = Structure.from_dict(structure)
+            parameters = self._without_beams({**requested, **columns}, own)
             fixed["structure"] = {"name": repr(own), **own.to_dict()}
         # In the study's order, so that the order of a request changes nothing.
         default = {name: parameter.default for name, parameter in parameters.items()}
@@ -295,8 +299,11 @@ class Study:
             raise InputError(f"{name} = {value.text}: it has no distribution; give it values")
         return value
 
-    def _without_beams(self, requested: Mapping[str, Any]) -> dict[str, Parameter]:
-        """The parameters with a structure of one's own: theta is 0, and a rig has no numbers."""
+    def _without_beams(self, requested: Mapping[str, Any], own: Structure) -> dict[str, Parameter]:
+        """The parameters with a structure of one's own: theta is 0, and a rig has no numbers.
+
+        A default range of mu lies around its first onset as the study's does around that of the paper's rig.
+        """
         if self.beams or not self.takes & {"rig", "scenes"}:
             taking = "fig5, stability, regimes, scenes, stick_time, contact and most maps"
             raise InputError(
@@ -311,6 +318,9 @@ class Study:
         left = {name: parameter for name, parameter in self.parameters.items() if name not in RIG}
         if theta := left.get("theta"):
             left["theta"] = replace(theta, default=np.zeros(1) if theta.is_axis else 0.0)
+        mu = left.get("mu")
+        if mu and np.ndim(mu.default) and "mu" not in requested:
+            left["mu"] = replace(mu, default=mu.default * _onset_ratio(own))
         if cutoff := left.get("cutoff"):
             left["cutoff"] = replace(cutoff, default=None)  # another default is for the paper's beams
         return left
@@ -434,6 +444,17 @@ class Study:
                 raise InputError(str(problem)) from problem
 
 
+def _onset_ratio(own: Structure) -> float:
+    """The first onset of a structure, of flutter or divergence, over that of the paper's rig; 1 without one."""
+    papers = flutter_onsets(Rig(), paper.THETA).mu[0]
+    try:
+        found = flutter_onsets(own, 0.0, mu_max=MOST_FRICTION)
+    except ArithmeticError:
+        return 1.0
+    first = min([*found.mu, *found.entry_mu, np.nan_to_num(found.divergence_mu, nan=np.inf)])
+    return float(f"{first / papers:.3g}") if np.isfinite(first) else 1.0
+
+
 def _chosen(signature: Mapping[str, inspect.Parameter], values: Mapping[str, Any]) -> dict[str, Any]:
     """The values that a signature names; all with ``**others``."""
     takes_rest = any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in signature.values())
@@ -514,16 +535,19 @@ def compute(call: Call, points: Mapping[str, Any], **fixed: Any) -> dict[str, An
         try:
             given = call.arguments(numbers, size)
             found = dict(call.function(**given))
+            if call.normalised and "error" in found:
+                found["error"] = [_without_scene(each) for each in found["error"]]
             # Without an argument that varies all points have one result, as those of a table that repeat.
             repeats = given.keys().isdisjoint({"scenes", *(points.keys() - {*call.common})})
             results.append({k: _padded(k, v, size, call.shapes.get(k), repeats) for k, v in found.items()})
         except BatchError as problem:
             # Every point fails: the engine would hide the mistake, since batches of a single point succeed.
             results.append({"error": [problem] * size} if len(groups) == 1 else problem)
-        except (ValueError, ArithmeticError) as problem:
+        except (ValueError, ArithmeticError, SceneError) as problem:
+            own = _without_scene(problem) if call.normalised else problem
             if len(groups) == 1:
-                raise
-            results.append(problem)
+                raise own from None
+            results.append(own)
     if len(groups) == 1:
         assert isinstance(results[0], Mapping)
         return dict(results[0])
@@ -543,6 +567,12 @@ def compute(call: Call, points: Mapping[str, Any], **fixed: Any) -> dict[str, An
                 whole = joined.setdefault(name, np.zeros((count, *part.shape[1:]), part.dtype))
                 whole[chosen] = part
     return joined | {"error": joined["error"].tolist()}
+
+
+def _without_scene(problem: Any) -> Any:
+    """The error of a scaled scene without that scene: the point that fails has the numbers that were asked."""
+    text = str(problem).rpartition("; scene V = ")[0]
+    return type(problem)(text, problem.scene) if isinstance(problem, SceneError) and text else problem
 
 
 def _groups(common: Mapping[str, NDArray[Any]], count: int) -> list[tuple[dict[str, Any], Any]]:
