@@ -25,9 +25,9 @@ def with_growth_above(dataset: xr.Dataset, structure: Any) -> xr.Dataset:
     NaN where nothing grows, where something grows below, and where a point is not done. A result without some
     parameter of a scene, like one in which friction is followed, has none.
     """
-    if not {*SCENE} <= {*dataset.coords}:
-        return dataset
     status, found = dataset["status"], np.full(dataset["status"].size, np.nan)
+    if not all(name in dataset.coords and {*dataset[name].dims} <= {*status.dims} for name in SCENE):
+        return dataset
     parameters = SCENE | FRICTION | RIG | {name: RUN[name] for name in MODEL}
     columns = {
         name: dataset[name].broadcast_like(status).transpose(*status.dims).values.ravel()
