@@ -23,8 +23,9 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
 
     - `stick_fraction`, `slip_fraction`, `separation_fraction`: share of the time after settling.
     - `dominant_frequency`, `stuck_frequency`: Hz, largest Welch peak of the velocity of B from 200 Hz to 10 kHz
-      outside and within long sticks (windows of 20 ms, Hann). Steady sliding has no dominant frequency and so no
-      periodicity.
+      outside and within long sticks (windows of 20 ms, Hann). Where most of the time in long sticks is in some no
+      longer than a period, they are a part of each cycle, and the former is that of the whole signal. Steady
+      sliding has no dominant frequency and so no periodicity.
     - `periodicity`: autocorrelation of the velocity of B after 20 periods of the dominant frequency, the
       largest within half a period of there.
     - `velocity_rms`: of the velocity of B about its mean, m/s.
@@ -60,11 +61,19 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
     censored = int(open_stick >= counted["least_stick"])
     rms, spread = observer.rms, observer.spread(begun + 0.75 * duration)
     quiet = not rms > 1e-9 * scene.speed_per_load
-    dominant = float("nan") if quiet else observer.moving.peak()
+    long = np.vstack([sticks, [end - open_stick, end]]) if censored else sticks
+    whole = observer.correlation.peak() if len(long) else float("nan")
+    # Sticks that last no longer than a period are a part of the vibration.
+    cycle = long[:, 1] - long[:, 0] <= 1.0 / whole
+    filled, within = (
+        float(np.sum(np.maximum(of[:, 1] - np.maximum(of[:, 0], start), 0.0)))
+        for of in (long[~cycle], long[cycle])
+    )
+    long = long[~cycle]
+    dominant = whole if within > filled else observer.moving.peak()
+    dominant = float("nan") if quiet else dominant
     period = observer.rate / dominant
     periodicity = observer.correlation.near(20.0 * period, 0.5 * period)
-    long = np.vstack([sticks, [end - open_stick, end]]) if censored else sticks
-    filled = float(np.sum(np.maximum(long[:, 1] - np.maximum(long[:, 0], start), 0.0)))
     driven = float(np.diff(displacement(np.array([begun, end]), scene.speed_per_load, run.options.ramp))[0])
     distance = slip_distance(scene)
     regime = regime_of(
@@ -157,8 +166,9 @@ def regime_of(
     - "stuck": no slip, though the clamp has moved further.
     - "steady sliding": more than 99.9 % of the time after settling in slip (`slip_share`), and half the range of
       the slip rate in the last quarter of the run below 1 % of V (`steadiness`).
-    - "intermittent": long sticks fill more than 10 % of the time after settling (`stick_share`), and one begins in
-      the last third of the run (`last_stick`, in units of the run's duration).
+    - "intermittent": long sticks that outlast a period of the vibration fill more than 10 % of the time after
+      settling (`stick_share`), and one begins in the last third of the run (`last_stick`, in units of the run's
+      duration).
     - "periodic": an autocorrelation of the velocity of B after 20 periods above 0.9 (`periodicity`).
     - "irregular": everything else.
     """
