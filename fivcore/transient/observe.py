@@ -177,7 +177,7 @@ class Welch:
         return peak_of(self.frequency, self.power, self._band)
 
 
-def peak_of(frequency: Array, power: Array, band: tuple[float, float]) -> float:
+def peak_of(frequency: NDArray[Any], power: NDArray[Any], band: tuple[float, float]) -> float:
     """Frequency of the largest peak of a spectrum within a band, by a parabola through its logarithm; or NaN."""
     inner = frequency[1:-1]
     # Not the foot of something below or above the band.
@@ -196,7 +196,7 @@ class Correlation:
     """Autocorrelation up to a sixth of a second, and spectrum, of the whole signal."""
 
     def __init__(self, rate: float, unit: float = 1.0) -> None:
-        self._frequency: Array = np.arange(PADDED // 2 + 1) * (rate / PADDED)
+        self._frequency = np.fft.rfftfreq(PADDED, 1.0 / rate)
         self._band = BAND[0] / unit, BAND[1] / unit
         self._power = Power(PADDED, LONG_WINDOWS)
         # Number of windows of each length.
@@ -236,7 +236,7 @@ class Correlation:
         if not self._longest():
             return float("nan")
         width = 2 * (PADDED // WINDOW) + 1
-        smooth: Array = np.convolve(self._power.sum, _hann(width), "same")
+        smooth = np.convolve(self._power.sum, _hann(width), "same")
         return peak_of(self._frequency, smooth, self._band)
 
     def near(self, lag: float, around: float) -> float:
