@@ -85,8 +85,6 @@ class Task:
     function: Callable[..., Any]
     constants: Mapping[str, Any]
     variables: Mapping[str, Variable]
-    # The variables as a file represents them.
-    stored: Mapping[str, Variable]
     shapes: Mapping[str, tuple[int, ...]]
     grid: Grid
     rerun: Callable[[Mapping[str, Any]], str] | None = None
@@ -115,8 +113,7 @@ class Task:
 
     def _missing(self, points: Points) -> BatchResult:
         count = len(next(iter(points.values())))
-        shapes = {k: self.shapes[name] for name, each in self.variables.items() for k in each.stored(name)}
-        values = {k: v.absent((count, *shapes[k])) for k, v in self.stored.items()}
+        values = {k: v.stored.absent((count, *self.shapes[k])) for k, v in self.variables.items()}
         return BatchResult(values, np.zeros(count), environment=environment(self.libraries))
 
     def _fill(self, result: BatchResult, every: Points, begin: int, end: int) -> None:
@@ -155,7 +152,7 @@ class Task:
         again = "" if self.rerun is None else self.rerun(point)
         result.failures[row] = Failure(shortened, _writable("".join([*lines, error])), _writable(again))
         for name, values in result.values.items():
-            values[row] = self.stored[name].missing
+            values[row] = self.variables[name].stored.missing
 
     def _call(self, points: Points) -> tuple[dict[str, Any], list[Any] | None, Any]:
         """Results as stored; errors and computing times if the function returns them."""
@@ -190,12 +187,11 @@ class Task:
                 continue
             if not fits(values, np.dtype(variable.dtype)):
                 other = f"; it may be declared as {how}" if (how := declaration(values)) else ""
+                other = "; return its real and its imaginary part" if values.dtype.kind == "c" else other
                 raise ValueError(
                     f"{who} {name!r} of type {values.dtype}, which does not fit {variable.dtype}{other}"
                 )
-            parts = [values.real, values.imag] if variable.dtype == "complex128" else [values]
-            for (k, v), part in zip(variable.stored(name).items(), parts, strict=True):
-                results[k] = rounded(part.astype(v.dtype, copy=False), v.digits)
+            results[name] = rounded(values.astype(variable.stored.dtype, copy=False), variable.digits)
         return results, errors, times
 
     def _check_declared(self, returned: Mapping[str, Any]) -> None:
@@ -211,8 +207,6 @@ def fits(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
     kind = values.dtype.kind
     if dtype.kind == "U":
         return is_text(values)
-    if dtype.kind == "c":
-        return kind in "biufc"
     if dtype.kind == "b" or kind not in "biuf":
         return dtype.kind == kind == "b"
     if dtype.kind == kind == "f":
@@ -233,7 +227,7 @@ def _present(values: Any) -> NDArray[Any]:
 
 def declaration(values: NDArray[Any]) -> str:
     """How to declare a variable that has these values; "" if no type fits."""
-    kinds = {"b": "bool", "i": "int64", "u": "int64", "f": "float64", "c": "complex128", "U": "str"}
+    kinds = {"b": "bool", "i": "int64", "u": "int64", "f": "float64", "U": "str"}
     dtype = kinds.get("U" if is_text(values) else values.dtype.kind, "")
     options = [f"dtype={dtype!r}"] * (dtype != "float64") + ["dims=..."] * (values.ndim > 1)
     return f"Variable({', '.join(options)})" if dtype and fits(values, np.dtype(dtype)) else ""

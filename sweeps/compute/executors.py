@@ -290,4 +290,4 @@ def _unpacked(payload: Payload) -> tuple[Task, PartWriter | None]:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     if payload.probe is None or not payload.is_seen():
         return task, None
-    return task, _Writer(payload, payload.probe.parent, task.stored, token)
+    return task, _Writer(payload, payload.probe.parent, task.variables, token)

@@ -219,7 +219,7 @@ def _make_plan(
     finished = bool(present.sources) and present.manifest is None and not selection["todo"]
     same = present.attributes.get("metadata_digest") == attributes.get("metadata_digest")
     shapes = {name: tuple(len(sweep.coords[dim]) for dim in each.dims) for name, each in sweep.variables.items()}
-    what = sweep.name, sweep.function, sweep.constants, sweep.variables, sweep.stored
+    what = sweep.name, sweep.function, sweep.constants, sweep.variables
     shrunk = {name: 1.0 if each.digits is None else COMPRESSED for name, each in sweep.stored.items()}
     return selection | {
         "sweep": sweep,

@@ -33,7 +33,7 @@ def refined(sweep: Declared, refinement: Refinement) -> Declared:
         raise InputError(f"{who}: levels = {levels!r}: it must be an integer, 0 or above")
     if tolerance is not None and not tolerance > 0.0:
         raise InputError(f"{who}: tolerance = {tolerance!r}: it must be above 0")
-    decide = {name: each for name, each in sweep.variables.items() if each.dtype not in ("complex128", "str")}
+    decide = {name: each for name, each in sweep.variables.items() if each.dtype != "str"}
     numbers = [name for name, each in decide.items() if not each.dims]
     if refinement.variable not in numbers:
         raise InputError(f"{who}: variable = {refinement.variable!r}: it must be one of {', '.join(numbers)}")

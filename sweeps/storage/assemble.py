@@ -16,7 +16,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sweeps.errors import HINT_MOVE, UNREADABLE, DamagedError, InputError, StoreError
-from sweeps.grid import DONE, FAILED, PENDING, REAL, SKIPPED, Axis, Grid, Variable, block_shape, flag_attributes
+from sweeps.grid import DONE, FAILED, PENDING, SKIPPED, Axis, Grid, Variable, block_shape, flag_attributes
 from sweeps.storage.parts import BatchResult, Coverage, Failure, Manifest, PartSource
 from sweeps.storage.store import check_trailer, is_held
 
@@ -316,17 +316,11 @@ def attributes(described: Axis | Variable, name: str) -> dict[str, Any]:
 
 
 def restore_types(data: xr.Dataset) -> xr.Dataset:
-    """Replace the representation of complex, bool and text variables in a file by variables of these types."""
+    """Replace the representation of bool and text variables in a file by variables of these types."""
     error = data["error"]
     if error.dtype.kind == "S":
         texts = np.char.decode(error.values, "utf-8")
         data = data.assign(error=(error.dims, texts, {"long_name": error.attrs["long_name"]}))
-    for name in [str(each).removesuffix("_real") for each in data.data_vars if str(each).endswith("_real")]:
-        real, imaginary = data[f"{name}_real"], data.get(f"{name}_imag")
-        long_name = str(real.attrs.get("long_name", ""))
-        if imaginary is not None and long_name.startswith(REAL):
-            whole = (real + 1j * imaginary).assign_attrs(real.attrs | {"long_name": long_name.removeprefix(REAL)})
-            data = data.drop_vars([f"{name}_real", f"{name}_imag"]).assign({name: whole})
     for own, each in data.data_vars.items():
         if each.attrs.get("flag_meanings") == "false true" and bool((data["status"] == DONE).all()):
             rest = {k: v for k, v in each.attrs.items() if not k.startswith("flag_")}

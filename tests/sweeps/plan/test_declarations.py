@@ -45,7 +45,7 @@ BAD = [
     *((lambda f=f: Variable(dtype="int8", flags=f), "flags = ") for f in ({}, {0: ""}, {0.5: "b"}, {-128: "c"})),
     (lambda: Variable(flags={0: "nought"}), "with an integer dtype"),
     (lambda: sweep(variables={}), "at least one"),
-    (lambda: sweep(variables={"z": Variable(dtype="complex128"), "z_real": Variable()}), "names two things"),
+    (lambda: Variable(dtype="complex128"), "dtype = 'complex128': it must be one of float64"),
     (lambda: sweep(variables={"a": Variable(dims="mode")}), "'mode'; coords must have it"),
     (lambda: sweep(variables={"area": 3}), "it must be of type Variable"),
     (lambda: sweep(variables={"area": Variable(scale="s")}), "has the scale 's'; the sweep needs scale"),
