@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from sweeps.errors import InputError, PendingWarning
 from sweeps.fingerprint.identity import plain
 from sweeps.grid import Declaration
 from sweeps.plan.adoption import Adopt
-from sweeps.plan.planning import PlanData, make_plan, timed
+from sweeps.plan.planning import PlanData, make_plan
 from sweeps.plan.shares import merged, share_of
 from sweeps.status import Progress
 from sweeps.task import Pointwise
@@ -128,10 +128,6 @@ class Plan(PlanData):
     covers : tuple of str
         Modules, packages and files on which the results depend.
     """
-
-    def timed(self) -> "Plan":
-        """The same plan with a time estimated by computing some points now; NaN if all of them fail."""
-        return replace(self, seconds=timed(self))
 
     def share(self, number: int, count: int) -> "Plan":
         """Plan one of `count` shares of the computations, for a job that computes it; `number` is from 1.

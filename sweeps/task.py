@@ -1,15 +1,13 @@
 """One batch: from points to results, of a sweep's `Task`. A failing point is stored with its reason."""
 
 import inspect
-import pkgutil
 import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -240,17 +238,6 @@ def _text(value: Any) -> str:
     if value is None or value != value:
         return ""
     raise TypeError(f"a result {value!r}: it must be text, or None where there is none")
-
-
-def importable(function: Any) -> Any:
-    """The function inside partials and `Pointwise`, if other processes import it by its name; else None."""
-    while isinstance(function, (partial, Pointwise)):
-        function = function.func if isinstance(function, partial) else function.function
-    module, name = getattr(function, "__module__", "__main__"), getattr(function, "__qualname__", None)
-    with suppress(ImportError, AttributeError, ValueError):
-        found: Any = None if module == "__main__" else pkgutil.resolve_name(f"{module}:{name}")
-        return function if inspect.unwrap(found) is inspect.unwrap(function) else None
-    return None
 
 
 class _Blas:

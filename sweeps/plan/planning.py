@@ -47,9 +47,6 @@ MOST_NAMES = 4
 ROW_BYTES = 16
 # The share of a rounded float that compression leaves.
 COMPRESSED = 0.6
-# `Plan.timed` computes batches of these sizes at these places of the work, until so many s have passed.
-SIZES, PLACES = (1, 1, 8, 8, 8, 8, 8, 8), (0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875)
-SECONDS = 0.15
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -350,23 +347,3 @@ def _refined(sweep: Declaration, refinement: Refinement, table: Table) -> Flags:
     copied = None if first is None else first.reshape(shape)[own]
     chosen[own] = choose(values.reshape(shape)[own], known, refinement.levels, refinement, copied).points
     return chosen.ravel()
-
-
-def timed(plan: PlanData) -> float:
-    """The estimated time of a plan on one core, s, by computing some of its points; NaN if all of them fail.
-
-    The results are thrown away. The first batch pays for compilation and caches; it counts only if it is all.
-    """
-    seconds, spent, due = math.nan if plan.todo else 0.0, 0.0, np.flatnonzero(plan.due)
-    # Spread over the work, since costs may differ from end to end.
-    for number, (count, place) in enumerate(zip(SIZES, PLACES, strict=True)):
-        points = due[int(place * plan.todo) :][:count]
-        if not len(points) or spent > SECONDS:
-            break
-        result = plan.task.compute(plan.manifest.grid.points(points))
-        taken = float(result.wall_time.sum())
-        spent += taken if number else 0.0
-        if (number or plan.todo == 1) and len(result.failures) < len(result):
-            # The last batch is the largest, and closest to those of a run.
-            seconds = taken / len(points) * plan.todo
-    return seconds
