@@ -12,7 +12,6 @@ from sweeps.errors import UNREADABLE
 from sweeps.grid import INTERPOLATED_FLAG, STATUS_FLAGS
 from sweeps.storage.assemble import Table
 from sweeps.storage.existing import opened, sources_of, unfinished
-from sweeps.storage.shares import shares_of
 from sweeps.storage.store import Store, read_state
 
 
@@ -74,7 +73,7 @@ def status(path: str | Path) -> Status:
     A FileNotFoundError or ValueError if there is no such file, or it is not the result of a sweep.
     """
     store = Store(path)
-    running = [each for each in (store, *shares_of(store)) if each.is_locked()]
+    running = [each for each in (store, *store.shares()) if each.is_locked()]
     run = read_state(running[0].progress) if running else {}
     codes, state = None, "interrupted"
     # Without a usable manifest the run has finished, perhaps meanwhile, or the file explains what is wrong.

@@ -34,7 +34,6 @@ from sweeps.storage.assemble import Source, Table, assemble, restore_types
 from sweeps.storage.existing import existing, opened
 from sweeps.storage.netcdf import described, write
 from sweeps.storage.parts import BOOKKEEPING, PartSource, PartWriter
-from sweeps.storage.shares import Share, clear, locked, shares_of
 from sweeps.storage.store import Store, owner, write_state
 from sweeps.task import BatchSummary, one_blas_thread
 
@@ -61,7 +60,7 @@ def execute(
         data = assemble(compute(plan, None), lazy=False)
         data = restore_types(described(plan.manifest, data, plan.sweep.derive))
     else:
-        store = Store(plan.store) if plan.shared is None else Share(plan.store, *plan.shared)
+        store = Store(plan.store, plan.shared)
         planned = plan.manifest.attributes["fingerprint"]
         with steady(plan.sweep, ENGINE, planned) if plan.todo or plan.adoption else nullcontext():
             if plan.adoption is not None:
@@ -111,14 +110,14 @@ def _adopt(plan: PlanData, store: Store, chosen: Adoption, compute: Callable[...
     nothing: dict[str, Any] = {"sources": (), "environments": (), "cached": 0, "store": None, "seconds": 0.0}
     trial = replace(plan, **nothing, due=due, todo=len(chosen.points), sweep=replace(plan.sweep, refinement=None))
     before = Table(plan.manifest, [each for each in plan.sources if each.name not in plan.damaged])
-    with locked(store):
+    with store.locked():
         _check_version(plan, store)
         line = confirm(chosen, before, compute(trial, None, fail_fast=False))
         remark = "; ".join(filter(None, [plan.sweep.remark, line]))
         manifest = replace(plan.manifest, attributes={**plan.manifest.attributes, "remark": remark})
         # What follows from all points follows when they are there.
         write(store, Table(manifest, before.sources), None if plan.todo else plan.sweep.derive)
-        clear(store)
+        store.clear_all()
     own = json.loads(plan.manifest.attributes["fingerprint"])
     present = existing(store, plan.sweep.name, own)
     sources = () if present is None else tuple(present.sources)
@@ -134,7 +133,7 @@ def _check_version(plan: PlanData, store: Store) -> None:
 
 def _finish(plan: PlanData, store: Store, compute: Callable[..., Table]) -> tuple[xr.Dataset, PlanData]:
     """Compute what is missing, write the file and read what is requested; return the plan as it is then."""
-    with nullcontext() if plan.whole else locked(store):
+    with nullcontext() if plan.whole else store.locked():
         _check_version(plan, store)
         if not plan.whole:
             table = compute(plan, store)
@@ -148,7 +147,7 @@ def _finish(plan: PlanData, store: Store, compute: Callable[..., Table]) -> tupl
                 # The next plan computes its points again.
                 (store.parts / problem.part).unlink(missing_ok=True)
                 raise
-            clear(store)
+            store.clear_all()
     if plan.whole and store.parts.exists():
         # They remain of a run that was killed when its file was complete; whoever releases the lock removes them.
         with suppress(StoreError), store.locked():
@@ -260,7 +259,7 @@ class _Run:
                     store.parts.mkdir(parents=True, exist_ok=True)
                     # Temporary files of killed runs, damaged parts, and parts of another manifest.
                     useless = {*store.part_names()} - {source.name for source in self.sources}
-                    for share in shares_of(store) if plan.manifest.fresh else ():
+                    for share in store.shares() if plan.manifest.fresh else ():
                         share.clear()
                     for path in [*map(store.parts.joinpath, useless), *store.parts.glob(".*.tmp")]:
                         path.unlink(missing_ok=True)

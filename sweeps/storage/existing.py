@@ -1,6 +1,7 @@
 """The results that a store has, finished or not: runs resume them (`existing`), readers open them."""
 
 import json
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
@@ -26,7 +27,6 @@ from sweeps.storage.assemble import (
 )
 from sweeps.storage.netcdf import described
 from sweeps.storage.parts import Manifest, PartSource
-from sweeps.storage.shares import shares_of
 from sweeps.storage.store import Store, check_trailer, signature
 
 # A file up to this size is read at once, so that it can be replaced meanwhile.
@@ -66,15 +66,13 @@ def unfinished(store: Store) -> Manifest | None:
 
 def _manifests(store: Store) -> list[tuple[Store, Manifest]]:
     """The manifests of a run and of the shares beside its file."""
-    loaded = [(each, Manifest.load(each)) for each in (store, *shares_of(store))]
+    loaded = [(each, Manifest.load(each)) for each in (store, *store.shares())]
     return [(each, manifest) for each, manifest in loaded if manifest is not None]
 
 
 def _combined(manifests: Sequence[tuple[Store, Manifest]]) -> Manifest:
     """The first manifest, which knows the parts of all."""
-    earlier = dict[str, Grid]()
-    for _, each in manifests:
-        earlier |= {**each.earlier, each.token: each.grid}
+    earlier = reduce(operator.or_, [each.grids for _, each in manifests])
     return replace(manifests[0][1], earlier=earlier)
 
 
@@ -93,7 +91,7 @@ def check_replaceable(store: Store, name: str) -> None:
 
 def sources_of(store: Store, manifest: Manifest, *, strict: bool = False) -> list[Source]:
     """The sources of a manifest's points; a finished file that is unusable is left out unless `strict`."""
-    places = (store, *shares_of(store))
+    places = (store, *store.shares())
     parts: list[Source] = [PartSource(each.parts, name) for each in places for name in each.part_names()]
     if not manifest.fresh and store.file.exists():
         try:
@@ -164,12 +162,12 @@ def open_results(path: str | Path) -> xr.Dataset:
 def opened(path: str | Path, *, load: bool = True) -> xr.Dataset:
     """The same with the variables as the file represents them; without `load` only its status is read."""
     store = Store(path)
-    if _has_parts(store):
+    if store.is_unfinished():
         try:
             return _opened_parts(store)
         except (StoreError, InputError) as problem:
             # Unless the run has finished meanwhile.
-            if _has_parts(store) and not store.file.exists():
+            if store.is_unfinished() and not store.file.exists():
                 raise InputError(str(problem)) from None
     if not store.file.exists():
         raise MissingFileError(f"{path}: there is no such file")
@@ -213,10 +211,6 @@ def _loaded(data: xr.Dataset, path: Path, axes: Sequence[str]) -> xr.Dataset:
     return data.assign({n: (data[n].dims, axis_values(data[n].values), data[n].attrs) for n in single})
 
 
-def _has_parts(store: Store) -> bool:
-    return any(each.manifest.is_file() for each in (store, *shares_of(store)))
-
-
 def _opened_parts(store: Store) -> xr.Dataset:
     """The points that are finished so far; the others, and those of damaged parts, are pending."""
     before = signature(store.file)
@@ -232,6 +226,6 @@ def _opened_parts(store: Store) -> xr.Dataset:
                 manifest, [each for each in table.sources if each.name not in (*table.damaged, problem.part)]
             )
     # A new file may be there while the parts still are, with its points at other places than the old one.
-    if not _has_parts(store) or signature(store.file) != before:
+    if not store.is_unfinished() or signature(store.file) != before:
         raise StoreError(f"{store.file} was finished while its parts were read")
     return data

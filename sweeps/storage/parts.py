@@ -180,10 +180,15 @@ class Manifest:
     token: str = field(default_factory=lambda: uuid4().hex[:12])
     earlier: Mapping[str, Grid] = field(default_factory=dict)
 
+    @property
+    def grids(self) -> dict[str, Grid]:
+        """The grid and earlier ones, by token."""
+        return {**self.earlier, self.token: self.grid}
+
     @cached_property
     def alignments(self) -> dict[str, Alignment]:
-        """Positions of the points of this and earlier grids in this grid, by token."""
-        return {token: self.grid.align(grid) for token, grid in {**self.earlier, self.token: self.grid}.items()}
+        """Positions of the points of `grids` in this grid, by token."""
+        return {token: self.grid.align(grid) for token, grid in self.grids.items()}
 
     def variable(self, name: str) -> Variable:
         """One of the variables, or of those that every file has."""
@@ -199,14 +204,13 @@ class Manifest:
 
     def save(self, store: Store) -> None:
         """Write the manifest and its copy."""
-        grids = {self.token: self.grid, **self.earlier}
+        grids, axes = self.grids, {"axes": self.grid.axes, "coords": self.coords}
         header = {
             "format": FORMAT,
             **{name: getattr(self, name) for name in ("name", "title", "token", "fresh")},
             "attributes": dict(self.attributes),
             "groups": {token: grid.groups for token, grid in grids.items()},
-            "axes": {name: [axis.units, axis.long_name] for name, axis in self.grid.axes.items()},
-            "coords": {name: [axis.units, axis.long_name] for name, axis in self.coords.items()},
+            **{what: {n: [axis.units, axis.long_name] for n, axis in each.items()} for what, each in axes.items()},
             "variables": {name: asdict(variable) for name, variable in self.variables.items()},
             "factors": list(self.factors),
         }
