@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sweeps.errors import HINT_MOVE, UNREADABLE, DamagedError, InputError, StoreError
+from sweeps.errors import HINT_MOVE, UNREADABLE, DamagedError, StoreError
 from sweeps.grid import DONE, FAILED, PENDING, SKIPPED, Axis, Grid, Variable, block_shape, flag_attributes
 from sweeps.storage.parts import BatchResult, Coverage, Failure, Manifest, PartSource
 from sweeps.storage.store import check_trailer, is_held
@@ -32,18 +32,19 @@ Indices = NDArray[np.signedinteger[Any]]
 
 
 def open_netcdf(path: Path, **options: Any) -> xr.Dataset:
-    """Open a netCDF file, of which no variable is a date; an InputError says what is wrong with it."""
+    """Open a netCDF file, of which no variable is a date; a StoreError says what is wrong with it."""
     if not path.is_file():
-        raise InputError(f"is not a regular file; {HINT_MOVE}")
+        raise StoreError(f"{path} is not a regular file; {HINT_MOVE}")
     try:
         return xr.open_dataset(path, engine="netcdf4", decode_times=False, **options)
     except PermissionError:
-        raise InputError("cannot be read: permission is missing, or another program has it open") from None
+        what = "cannot be read: permission is missing, or another program has it open"
     except (AttributeError, *UNREADABLE):  # the netCDF library raises AttributeError, too
-        if (held := is_held(path)) is None:
-            raise InputError("cannot be locked, as HDF5 wants to; set HDF5_USE_FILE_LOCKING=FALSE") from None
+        held = is_held(path)
         what = "is locked or open in another program; close it there" if held else DAMAGED
-        raise InputError(what) from None
+        if held is None:
+            what = "cannot be locked, as HDF5 wants to; set HDF5_USE_FILE_LOCKING=FALSE"
+    raise StoreError(f"{path} {what}")
 
 
 def present(variable: xr.Variable) -> NDArray[Any]:
@@ -92,8 +93,8 @@ class FileSource:
     def _values(self, name: str, box: Any = ...) -> NDArray[Any]:
         try:
             return present(self.data[name].variable[box])
-        except InputError as problem:
-            raise StoreError(f"{self.path} {problem}") from None
+        except StoreError:
+            raise
         except UNREADABLE:
             raise StoreError(f"{self.path} {DAMAGED}") from None
 

@@ -79,7 +79,7 @@ def _combined(manifests: Sequence[tuple[Store, Manifest]]) -> Manifest:
 def check_replaceable(store: Store, name: str) -> None:
     """Refuse to start over where that would destroy the results of anything but the sweep `name`."""
     if store.file.exists():
-        with _open(store) as data:
+        with open_netcdf(store.file, cache=False) as data:
             _check_name(store.file, data.attrs.get("sweep"), name)
     try:
         _check_name(store.parts, getattr(Manifest.load(store), "name", name), name)
@@ -113,7 +113,7 @@ def _check_name(place: Path, owner: str | None, name: str) -> None:
 def _finished(store: Store, name: str, fingerprint: dict[str, Any], *, code: bool = True) -> Existing:
     """A finished file."""
     path = store.file
-    with _open(store) as data:
+    with open_netcdf(store.file, cache=False) as data:
         _check_name(path, data.attrs.get("sweep"), name)
         _check_same(path, data.attrs, fingerprint, code=code)
         try:
@@ -127,13 +127,6 @@ def _finished(store: Store, name: str, fingerprint: dict[str, Any], *, code: boo
         except UNREADABLE as problem:
             raise StoreError(f"{path} is damaged: {problem}; {errors.HINT_MOVE}") from None
     return Existing(grid, [FileSource(path, grid, environments)], data.attrs)
-
-
-def _open(store: Store) -> xr.Dataset:
-    try:
-        return open_netcdf(store.file, cache=False)
-    except InputError as problem:
-        raise StoreError(f"{store.file} {problem}") from None
 
 
 def _check_same(
@@ -173,8 +166,8 @@ def opened(path: str | Path, *, load: bool = True) -> xr.Dataset:
         raise MissingFileError(f"{path}: there is no such file")
     try:
         data = open_netcdf(store.file)
-    except InputError as problem:
-        raise InputError(f"{path}: it {problem}") from None
+    except StoreError as problem:
+        raise InputError(str(problem)) from None
     try:
         configuration = json.loads(str(data.attrs.get("configuration", "{}")))
         for key, kind in (("name", str), ("axes", dict), ("constants", dict)):
@@ -201,7 +194,7 @@ def _loaded(data: xr.Dataset, path: Path, axes: Sequence[str]) -> xr.Dataset:
     except StoreError as problem:
         raise InputError(str(problem)) from None
     except UNREADABLE:
-        raise InputError(f"{path}: it {DAMAGED}") from None
+        raise InputError(f"{path} {DAMAGED}") from None
     finally:
         if at_once or not axes:
             data.close()
