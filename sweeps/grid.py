@@ -313,13 +313,9 @@ class Alignment:
         """Whether the two grids are equal."""
         return all(isinstance(each, slice) for each in self.indexers)
 
-    @property
-    def index(self) -> tuple[NDArray[np.intp], ...]:
-        """Index of the inner grid's points in an array of the outer shape."""
-        return np.ix_(*(np.arange(n)[each] for n, each in zip(self.outer, self.indexers, strict=True)))
-
-    def __call__(self, points: NDArray[Any]) -> NDArray[Any]:
-        """Flat indices in the outer grid of points of the inner one."""
+    def __call__(self, points: NDArray[Any] | None = None) -> NDArray[Any]:
+        """Flat indices in the outer grid of points of the inner one, of all by default."""
+        points = np.arange(math.prod(self.inner)) if points is None else points
         if self.identical:
             return points
         index = np.unravel_index(points, self.inner)

@@ -17,14 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.errors import DamagedError, InputError, MixedWarning, StoreError
-from sweeps.fingerprint.identity import (
-    configuration,
-    coverage,
-    differences,
-    fingerprint,
-    metadata_digest,
-    recompiled,
-)
+from sweeps.fingerprint import identity
+from sweeps.fingerprint.identity import configuration, coverage, differences, fingerprint
 from sweeps.fingerprint.modules import home_of
 from sweeps.fingerprint.provenance import Environment, environment, mixed, source
 from sweeps.grid import BLOCK, FAILED, PENDING, Alignment, Declaration, Grid, Refinement, check_size, first_equal
@@ -147,9 +141,9 @@ def make_plan(
     sweep: Declaration, store: str | Path | None, *, fresh: bool, retry_failed: bool, strict: bool, adopt: Any
 ) -> dict[str, Any]:
     """The fields of the plan of a sweep; see `sweeps.Sweep.plan`."""
-    if store is None or (fresh and adopt is not None):
-        if adopt is not None:
-            raise InputError("adopt: it is for stored results; give their file, and leave fresh out")
+    if adopt is not None and (store is None or fresh):
+        raise InputError("adopt: it is for stored results; give their file, and leave fresh out")
+    if store is None:
         return _make_plan(sweep, None, fresh, retry_failed, strict, adopt)
     place = Store(store)
     place.check_place(sweep.name)
@@ -181,14 +175,14 @@ def _make_plan(
     if place is not None:
         reached = coverage(sweep, ENGINE)
         own, imported = fingerprint(sweep, reached), reached.libraries
-        attributes |= {"fingerprint": json.dumps(own), "metadata_digest": metadata_digest(sweep)}
+        attributes |= {"fingerprint": json.dumps(own), "metadata_digest": identity.metadata_digest(sweep)}
         if fresh:
             check_replaceable(place, sweep.name)
         else:
             present = existing(place, sweep.name, own, code=adopt is None) or present
             check_same_draws(place.file, present.grid, sweep.grid)
 
-    if (line := recompiled(present.attributes, own)) and adopt is None:
+    if (line := identity.recompiled(present.attributes, own)) and adopt is None:
         warnings.warn(f"{sweep.name}: {line}", MixedWarning, stacklevel=4)
     grid = present.grid.union(sweep.grid)
     check_size(grid)
@@ -196,9 +190,9 @@ def _make_plan(
     if sweep.remark:
         attributes["remark"] = sweep.remark
     alignment = grid.align(sweep.grid)
-    mask, requested = grid.mask(), np.zeros(grid.shape, dtype=bool)
-    requested[alignment.index] = True
-    requested = requested.ravel() & mask
+    mask, requested = grid.mask(), np.zeros(grid.size, dtype=bool)
+    requested[alignment()] = True
+    requested &= mask
     axes = replace(grid, skip=None), sweep.coords, sweep.stored
     points = representatives(sweep, grid, requested, mask & ~requested), factors(sweep, grid, mask)
     manifest = Manifest(sweep.name, sweep.title or sweep.name, *axes, *points, attributes, fresh)
@@ -333,17 +327,19 @@ def select(
 
 def _refined(sweep: Declaration, refinement: Refinement, table: Table) -> Flags:
     manifest, name = table.manifest, refinement.variable
-    shape, row = manifest.grid.shape, manifest.row_bytes(name)
+    row = manifest.row_bytes(name)
     if row * manifest.grid.size > LARGE:
         many = f"{manifest.grid.size} points of {name} are too many to refine"
         raise InputError(f"Sweep {sweep.name}: {many}; it must be at most {LARGE // row}")
     values = table.values(name, slice(None)).astype(float)
     if refinement.whole:
         values[values == manifest.variables[name].missing] = np.nan
-    own, chosen = manifest.grid.align(sweep.grid).index, np.zeros(shape, dtype=bool)
+    own, shape = manifest.grid.align(sweep.grid)(), sweep.grid.shape
     # Of failed and skipped points the value is NaN.
-    known = (table.status != PENDING).reshape(shape)[own]
+    known = table.status[own] != PENDING
     first = None if sweep.key is None else manifest.representative
-    copied = None if first is None else first.reshape(shape)[own]
-    chosen[own] = choose(values.reshape(shape)[own], known, refinement.levels, refinement, copied).points
-    return chosen.ravel()
+    copied = None if first is None else first[own].reshape(shape)
+    chosen = np.zeros(len(values), dtype=bool)
+    levels, lattice = refinement.levels, (values[own].reshape(shape), known.reshape(shape))
+    chosen[own] = choose(*lattice, levels, refinement, copied).points.ravel()
+    return chosen

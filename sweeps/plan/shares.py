@@ -24,8 +24,7 @@ Planned = TypeVar("Planned", bound=PlanData)
 
 def computations(plan: PlanData) -> NDArray[np.intp]:
     """The requested computations in the order of the sweep's own grid, whatever the file has besides."""
-    shape, first = plan.manifest.grid.shape, plan.manifest.representative
-    points = np.arange(plan.manifest.grid.size).reshape(shape)[plan.alignment.index].ravel()
+    points, first = plan.alignment(), plan.manifest.representative
     points = points[plan.requested[points]]
     return points if first is None else np.asarray(pd.unique(first[points]))
 

@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sweeps.errors import HINT_MOVE, UNREADABLE, DamagedError, StoreError
+from sweeps.errors import DAMAGED, HINT_MOVE, UNREADABLE, DamagedError, StoreError
 from sweeps.grid import DONE, FAILED, PENDING, SKIPPED, Axis, Grid, Variable, block_shape, flag_attributes
 from sweeps.storage.parts import BatchResult, Coverage, Failure, Manifest, PartSource
 from sweeps.storage.store import check_trailer, is_held
@@ -26,7 +26,6 @@ LARGE = 32_000_000
 ERROR_CHARACTERS, LEAST_CHARACTERS = 30_000_000, 60
 # Number of failures whose tracebacks are stored.
 MOST_TRACEBACKS = 1000
-DAMAGED = f"is damaged or not netCDF; {HINT_MOVE}"
 
 Indices = NDArray[np.signedinteger[Any]]
 

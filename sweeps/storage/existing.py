@@ -15,16 +15,7 @@ from sweeps import errors
 from sweeps.errors import UNREADABLE, DamagedError, InputError, MissingFileError, StoreError, message
 from sweeps.fingerprint.identity import differences
 from sweeps.grid import Axis, Grid, axis_values
-from sweeps.storage.assemble import (
-    DAMAGED,
-    FileSource,
-    Source,
-    Table,
-    assemble,
-    open_netcdf,
-    present,
-    restore_types,
-)
+from sweeps.storage.assemble import FileSource, Source, Table, assemble, open_netcdf, present, restore_types
 from sweeps.storage.netcdf import described
 from sweeps.storage.parts import Manifest, PartSource
 from sweeps.storage.store import Store, check_trailer, signature
@@ -194,7 +185,7 @@ def _loaded(data: xr.Dataset, path: Path, axes: Sequence[str]) -> xr.Dataset:
     except StoreError as problem:
         raise InputError(str(problem)) from None
     except UNREADABLE:
-        raise InputError(f"{path} {DAMAGED}") from None
+        raise InputError(f"{path} {errors.DAMAGED}") from None
     finally:
         if at_once or not axes:
             data.close()

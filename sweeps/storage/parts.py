@@ -9,7 +9,7 @@ import json
 import os
 import threading
 import zipfile
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 from io import BytesIO
@@ -117,10 +117,17 @@ class BatchResult:
 
 
 class PartWriter:
-    """Names and writes the parts of one run, after the part `last` of earlier runs."""
+    """Names and writes the parts of one run while it `goes_on`, after the part `last` of earlier runs."""
 
-    def __init__(self, folder: Path, variables: Mapping[str, Variable], token: str, last: str = "") -> None:
-        self.folder, self.variables, self.token = folder, variables, token
+    def __init__(
+        self,
+        folder: Path,
+        variables: Mapping[str, Variable],
+        token: str,
+        last: str = "",
+        goes_on: Callable[[], bool] = lambda: True,
+    ) -> None:
+        self.folder, self.variables, self.token, self._goes_on = folder, variables, token, goes_on
         self._run = uuid4().hex[:8]
         self._last = int(last.partition("-")[0] or 0)
         self._closed = False
@@ -150,7 +157,7 @@ class PartWriter:
 
     def _rename(self, temporary: Path, path: Path) -> None:
         with self._lock:
-            if not self._closed:
+            if not self._closed and self._goes_on():
                 os.replace(temporary, path)
 
     def close(self) -> None:
