@@ -21,4 +21,5 @@ from sweeps.sample import Sample, quantiles, unit_draws
 from sweeps.status import Progress, Snapshot, Status, check_free, status
 from sweeps.storage.existing import open_results
 from sweeps.storage.store import Store
-from sweeps.sweep import Plan, Sweep, pointwise
+from sweeps.sweep import Plan, Sweep
+from sweeps.task import pointwise

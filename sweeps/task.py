@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from sweeps.errors import UndeclaredError
+from sweeps.errors import InputError, UndeclaredError
 from sweeps.fingerprint.provenance import environment
 from sweeps.grid import Grid, Points, Variable, is_text
 from sweeps.storage.assemble import rounded
@@ -31,9 +31,18 @@ MOST_CHARACTERS = 400
 
 
 class Pointwise:
-    """A function of numbers as a function of batches; see `sweeps.pointwise`."""
+    """A function of numbers in the place of a function of arrays: `sweeps.pointwise`.
+
+    Parameters
+    ----------
+    function : callable
+        `function(a=..., b=..., **constants)` takes one number (or string) for each axis. It returns a dict of
+        numbers or arrays, or the value of a single variable. An exception is stored with its point.
+    """
 
     def __init__(self, function: Callable[..., Any]) -> None:
+        if not callable(function):
+            raise InputError(f"pointwise: function = {function!r}: it must be a function")
         self.function = self.__wrapped__ = function
 
     def __call__(self, points: Points, **constants: Any) -> dict[str, Any]:
@@ -61,6 +70,9 @@ class Pointwise:
             results |= {name: [row.get(name, ABSENT) for row in every] for name in names}
             results[ERROR] = [own or other for own, other in zip(errors, results[ERROR], strict=True)]
         return results
+
+
+pointwise = Pointwise
 
 
 class BatchSummary(NamedTuple):
