@@ -145,7 +145,7 @@ class Task:
         result.wall_time[begin:end] = spent if times is None else times
         for name, values in returned.items():
             result.values[name][begin:end] = values
-        for row, error in enumerate(errors or (), begin):
+        for row, error in enumerate(errors, begin):
             if error is not None:
                 self._fail(result, every, row, error)
 
@@ -164,8 +164,8 @@ class Task:
         for name, values in result.values.items():
             values[row] = self.variables[name].stored.missing
 
-    def _call(self, points: Points) -> tuple[dict[str, Any], list[Any] | None, Any]:
-        """Results as stored; errors and computing times if the function returns them."""
+    def _call(self, points: Points) -> tuple[dict[str, Any], list[Any], Any]:
+        """Results as stored, the error of each point or None, and computing times if the function returns them."""
         count, who = len(next(iter(points.values()))), f"the function of sweep {self.name} returned"
         returned = self.function(points, **self.constants)
         if not isinstance(returned, Mapping):
@@ -174,17 +174,17 @@ class Task:
             returned = dict(returned)
             returned.setdefault(next(iter(self.variables)), returned.pop(VALUE))
         self._check_declared(returned)
-        errors = None if returned.get(ERROR) is None else list(returned[ERROR])
-        for error in errors or ():
+        errors = [None] * count if returned.get(ERROR) is None else list(returned[ERROR])
+        for error in errors:
             if not (error is None or isinstance(error, Exception)):
                 raise TypeError(f"{who} the {ERROR} {error!r}; it must be an exception or None")
         times = None if returned.get(WALL_TIME) is None else np.asarray(returned[WALL_TIME], dtype=float)
-        if errors is not None and len(errors) != count:
+        if len(errors) != count:
             raise ValueError(f"{who} {len(errors)} of {ERROR!r}; it must be one a point, {count}")
         if times is not None and times.shape != (count,):
             raise ValueError(f"{who} {WALL_TIME!r} of shape {times.shape}; it must be ({count},)")
         results: dict[str, Any] = {}
-        for name, variable in self.variables.items() if errors is None or None in errors else ():
+        for name, variable in self.variables.items() if None in errors else ():
             if name not in returned:
                 raise KeyError(f"{who} no {name!r}")
             values, expected = np.asarray(returned[name]), (count, *self.shapes[name])

@@ -92,15 +92,13 @@ def _lines() -> Progress:
 
 def _failures(data: xr.Dataset) -> str:
     """How many points of a result failed, and where and why the first did; "" if none has."""
-    failed = np.flatnonzero(data["status"].values == FAILED)
-    if not len(failed):
+    failed = data["status"] == FAILED
+    if not (count := int(failed.sum())):
         return ""
-    status = data["status"]
-    place = dict(zip(status.dims, np.unravel_index(failed[0], status.shape), strict=True))
-    axes = [(name, each) for name, each in data.coords.items() if each.dims and set(each.dims) <= set(status.dims)]
-    point = ", ".join(f"{name} = {each.isel({d: place[d] for d in each.dims}).item()}" for name, each in axes)
-    first = " ".join(str(data["error"].isel(place).item()).split())
-    return f"{len(failed)} of {status.size} points failed, the first at {point}: {first}; data.status marks them"
+    first = data["error"].isel(failed.argmax(failed.dims))
+    point = ", ".join(f"{name} = {each.item()}" for name, each in first.coords.items() if data[name].dims)
+    why = " ".join(str(first.item()).split())
+    return f"{count} of {failed.size} points failed, the first at {point}: {why}; data.status marks them"
 
 
 def _adopt(plan: PlanData, store: Store, chosen: Adoption, compute: Callable[..., Table]) -> PlanData:

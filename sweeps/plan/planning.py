@@ -209,8 +209,8 @@ def _make_plan(
     mixture(file or sweep.name, [*selection["environments"], environment(imported)], strict)
     finished = bool(present.sources) and present.manifest is None and not selection["todo"]
     same = present.attributes.get("metadata_digest") == attributes.get("metadata_digest")
-    shapes = {name: tuple(len(sweep.coords[dim]) for dim in each.dims) for name, each in sweep.variables.items()}
-    what = sweep.name, sweep.function, sweep.constants, sweep.variables
+    shapes = {name: manifest.shape(name) for name in sweep.variables}
+    what = sweep.name, sweep.function, sweep.constants, sweep.variables, shapes
     shrunk = {name: 1.0 if each.digits is None else COMPRESSED for name, each in sweep.stored.items()}
     return selection | {
         "sweep": sweep,
@@ -219,7 +219,7 @@ def _make_plan(
         "skipped": sweep.grid.size - int(np.count_nonzero(requested)),
         "bytes": int(grid.size * (ROW_BYTES + sum(manifest.row_bytes(name) * shrunk[name] for name in shrunk))),
         "manifest": manifest,
-        "task": Task(*what, shapes, manifest.grid, sweep.rerun, imported),
+        "task": Task(*what, manifest.grid, sweep.rerun, imported),
         "alignment": alignment,
         "requested": requested,
         "sources": tuple(present.sources),
@@ -300,8 +300,7 @@ def select(
         try:
             chosen = requested & _refined(sweep, sweep.refinement, table)
         except DamagedError as problem:
-            left = [source for source in sources if source.name not in (*table.damaged, problem.part)]
-            fields = select(sweep, manifest, requested, left, retry_failed)
+            fields = select(sweep, manifest, requested, table.without(problem.part), retry_failed)
             return fields | {"damaged": (*table.damaged, problem.part, *fields["damaged"])}
     status = table.status
     again = chosen & ((status == PENDING) | (retry_failed & (status == FAILED)))

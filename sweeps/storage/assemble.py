@@ -161,6 +161,10 @@ class Table:
         skipped = ~inside & (self.status != DONE)
         self.status[skipped], self.source[skipped] = SKIPPED, -1
 
+    def without(self, part: str) -> list[Source]:
+        """The sources that remain without the damaged ones and another part that turned out to be damaged."""
+        return [source for source in self.sources if source.name not in (*self.damaged, part)]
+
     def values(self, name: str, points: slice) -> NDArray[Any]:
         """Values of a variable, or `wall_time`, at a range of points."""
         variable, index = self.manifest.variable(name), np.arange(len(self.status))[points]

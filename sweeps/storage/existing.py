@@ -206,9 +206,7 @@ def _opened_parts(store: Store) -> xr.Dataset:
         try:
             data = described(manifest, assemble(table, lazy=True), None)
         except DamagedError as problem:
-            table = Table(
-                manifest, [each for each in table.sources if each.name not in (*table.damaged, problem.part)]
-            )
+            table = Table(manifest, table.without(problem.part))
     # A new file may be there while the parts still are, with its points at other places than the old one.
     if not store.is_unfinished() or signature(store.file) != before:
         raise StoreError(f"{store.file} was finished while its parts were read")
