@@ -158,7 +158,7 @@ def opened(path: str | Path, *, load: bool = True) -> xr.Dataset:
     try:
         data = open_netcdf(store.file)
     except StoreError as problem:
-        raise InputError(str(problem)) from None
+        raise InputError(str(problem).replace(str(store.file), str(path))) from None
     try:
         configuration = json.loads(str(data.attrs.get("configuration", "{}")))
         for key, kind in (("name", str), ("axes", dict), ("constants", dict)):

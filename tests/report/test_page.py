@@ -112,7 +112,7 @@ def test_what_fails_is_printed_and_on_the_page(written):
     for what in (
         "o figure: ZeroDivisionError: ",
         "o summary: KeyError: 'a typo' (test_page.py",
-        "bad.nc: it is dam",
+        "bad.nc is dam",
     ):
         assert [sum(what in line for line in lines) for lines in (told, texts["p"])] == [1, 1]
     assert f"It is {MARKUP}." in texts["p"]  # what came before the error stays
