@@ -35,7 +35,6 @@ def run(
     fresh: bool = False,
     samples: int | None = None,
     seed: int | None = None,
-    sampling: str | None = None,
     points: str | Path | Mapping[str, Any] | pd.DataFrame | None = None,
     rig: Structure | str | Path | None = None,
     **parameters: Any,
@@ -55,8 +54,8 @@ def run(
         True shows a bar; a callable gets a `sweeps.Snapshot` now and then.
     out, fresh : path, bool
         The results folder, by default FIV_RESULTS or `results`; start over, instead of computing missing points.
-    samples, seed, sampling : int, int, str
-        Number of draws, their seed, and "sobol", "latin" or "random"; by default 1024, 0 and "sobol".
+    samples, seed : int
+        Number of draws, and their seed; by default 1024 and 0.
     points : path, mapping or pandas.DataFrame
         Rows to compute instead of a grid: a CSV file, or columns by name.
     rig : Structure or path
@@ -73,7 +72,7 @@ def run(
     from studies.request import Request, structure_of
 
     one = registry.resolve(study)
-    request = Request("", parameters, points, tuple(record), sample_rate, samples, seed, sampling)
+    request = Request("", parameters, points, tuple(record), sample_rate, samples, seed)
     if rig is not None:
         request = replace(request, structure=structure_of(rig))
     return _executed(one, runner.plan(one, request, out, fresh=fresh), scheduler, workers, progress)

@@ -32,10 +32,10 @@ KEYS: dict[str, tuple[tuple[type, ...], str]] = {
     "points": ((str, dict), "a file or a table"),
     "record": ((list,), "a list of strings"),
     "sample_rate": ((int, float, str), "a number or a text like '20kHz'"),
-    **dict.fromkeys(("study", "sampling", "scheduler"), ((str,), "a string")),
+    **dict.fromkeys(("study", "scheduler"), ((str,), "a string")),
     **dict.fromkeys(("samples", "seed", "workers"), ((int,), "a whole number")),
 }
-DRAWS = ("samples", "seed", "sampling")
+DRAWS = ("samples", "seed")
 # A file with one of these is of a structure (`fivcore.Structure.read`).
 STRUCTURE = ("mass", "stiffness", "modes", "mode")
 MOST_ROWS = 1_000_000
@@ -57,7 +57,6 @@ class Request:
     sample_rate: float | str | None = None
     samples: int | None = None
     seed: int | None = None
-    sampling: str | None = None
     scheduler: str | None = None
     workers: int | None = None
     structure: Mapping[str, Any] | None = None
@@ -104,8 +103,7 @@ class Request:
         from studies.uncertainty import text_of
 
         drawn = {name: text_of(v, name) for name, v in self.values.items() if is_distribution(v)}
-        rest = {"record": list(self.record), "scatter": drawn, "seed": self.seed, "sampling": self.sampling}
-        rest["command"] = self.command
+        rest = {"record": list(self.record), "scatter": drawn, "seed": self.seed, "command": self.command}
         return {name: value for name, value in rest.items() if value}
 
     def bears_unit(self, name: str) -> bool:
@@ -213,7 +211,7 @@ def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Request:
     values = {name: "auto" if value is None else value for name, value in settings(dataset).items()}
     values |= {name: value for name, value in constants.items() if isinstance(value, list) and name != "record"}
     values |= {name: value for name, value in axes.items() if name not in (points or ())} | scatter
-    how = {name: request[name] for name in ("seed", "sampling") if name in request}
+    how = {"seed": request["seed"]} if "seed" in request else {}
     if "sample" in dataset.dims:
         how["samples"] = dataset.sizes["sample"]
     rate = constants.get("sample_rate") if record and "sample_rate" not in values else None

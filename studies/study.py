@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Parameter", "Study"]
 
-SAMPLES, SEED, SAMPLING = 1024, 0, "sobol"
+SAMPLES, SEED = 1024, 0
 # Values of an axis, and draws, that are checked before a run; others fail by themselves.
 CHECKED, DRAWS_CHECKED = 10_000, 16
 # Largest friction at which the first onset of a structure is sought.
@@ -181,7 +181,6 @@ class Study:
         sample_rate: float | None = None,
         samples: int = SAMPLES,
         seed: int = SEED,
-        sampling: str = SAMPLING,
         structure: Mapping[str, Any] | None = None,
     ) -> Sweep:
         """The sweep over the requested points.
@@ -194,8 +193,8 @@ class Study:
             Parameters that vary together, a point in each row.
         record, sample_rate : sequence of str, float
             Series to keep, and their sampling rate, Hz.
-        samples, seed, sampling : int, int, str
-            Number of draws, seed and method (`sweeps.Sample`).
+        samples, seed : int
+            Number of draws, and their seed (`sweeps.Sample`).
         structure : mapping, optional
             `fivcore.Structure.to_dict` of one in place of the rig, whose parameters are left out; theta is 0.
 
@@ -232,7 +231,7 @@ class Study:
         if not (axes or draws or columns):
             first = next(name for name in fixed if name in self.parameters)
             axes = {first: self._axis(first, fixed.pop(first))}
-        grid = self._grid(axes, draws, columns, samples, seed, sampling)
+        grid = self._grid(axes, draws, columns, samples, seed)
         check_size(grid)
         outputs, coords = dict(self.outputs), dict(inner) | self._coords(fixed, grid.axes)
         for name, variable in outputs.items() if followed else ():
@@ -343,13 +342,12 @@ class Study:
         columns: Mapping[str, NDArray[Any]],
         samples: int,
         seed: int,
-        sampling: str,
     ) -> Grid:
         if draws and columns:
             raise InputError("points: distributions and a table both say where the points are; leave one out")
         if draws:
             units = {name: (self.parameters[name].units, self.parameters[name].text) for name in draws}
-            return Sample(draws, samples, sampling, seed, units=units, axes=axes)
+            return Sample(draws, samples, seed=seed, units=units, axes=axes)
         if columns:
             number = Axis(np.arange(1, len(next(iter(columns.values()))) + 1), long_name="row of the table")
             table = {"row": number} | {name: self._axis(name, values) for name, values in columns.items()}

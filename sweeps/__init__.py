@@ -17,9 +17,9 @@ from sweeps.grid import Axis, Grid, Refinement, Variable, blocks, check_counts, 
 from sweeps.plan.adoption import Adopt
 from sweeps.plan.planning import duration, size
 from sweeps.refine.refine import refined
-from sweeps.refine.refine import report as refinement_report
 from sweeps.sample import Sample, quantiles, unit_draws
 from sweeps.status import Progress, Snapshot, Status, check_free, status
 from sweeps.storage.existing import open_results
 from sweeps.storage.store import Store
-from sweeps.sweep import Plan, Sweep, pointwise
+from sweeps.sweep import Plan, Sweep
+from sweeps.task import pointwise

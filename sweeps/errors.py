@@ -12,6 +12,7 @@ HINT_OTHER_PATH = "choose another path"
 HINT_EITHER = f"{HINT_OTHER_PATH}, or {HINT_START_OVER}"
 HINT_ADOPT = "keep them with adopt=20 if 20 stored points, computed again, agree"
 HINT_MOVE = f"move it away, or {HINT_OTHER_PATH}"
+DAMAGED = f"is damaged or not netCDF; {HINT_MOVE}"
 
 
 def reason(problem: BaseException) -> str:

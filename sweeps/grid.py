@@ -30,11 +30,9 @@ STATUS_FLAGS = {PENDING: "pending", DONE: "done", FAILED: "failed", SKIPPED: "sk
 # Points of a refined sweep only.
 INTERPOLATED_FLAG = {INTERPOLATED: "interpolated"}
 
-DTYPES = ("float64", "float32", "int8", "int16", "int32", "int64", "bool", "complex128", "str")
+DTYPES = ("float64", "float32", "int8", "int16", "int32", "int64", "bool", "str")
 # Bytes of a text where sizes are estimated.
 TEXT_BYTES = 32
-# Long names of real parts begin with this.
-REAL = "real part of "
 # What a sweep's file contains besides axes and results; names that begin with `failure_` are reserved as well.
 RESERVED = ("status", "error", "wall_time", "traceback", "reproduce", "failure", "point")
 
@@ -103,9 +101,9 @@ class Variable:
         Dimensions besides the grid's; their coordinates are the sweep's `coords`.
     dtype : str
         One of DTYPES; missing entries are NaN. Of integers a file marks missing ones by the least value of the
-        type, and netCDF lost ones by the next, so that no result may be one of the two. A complex variable `x` is
-        stored as `x_real` and `x_imag`. Of texts, missing ones are "", and each takes the room of the longest.
-        Whole numbers and truth values may become floats; texts must be declared.
+        type, and netCDF lost ones by the next, so that no result may be one of the two. Of texts, missing ones are
+        "", and each takes the room of the longest. Whole numbers and truth values may become floats; texts must be
+        declared. Of a complex number, return two floats.
     digits : int, optional
         Significant decimal digits of a float; further ones are rounded away, so that compression works.
     scale : str
@@ -143,15 +141,15 @@ class Variable:
 
     @property
     def is_float(self) -> bool:
-        """Whether the values are floats, real or complex."""
-        return np.dtype(self.dtype).kind in "fc"
+        """Whether the values are floats."""
+        return np.dtype(self.dtype).kind == "f"
 
     @property
     def missing(self) -> Any:
         """The value where there is no result; of the types that a file can have."""
         if self.dtype == "str":
             return ""
-        return math.nan if np.dtype(self.dtype).kind == "f" else int(np.iinfo(self.dtype).min)
+        return math.nan if self.is_float else int(np.iinfo(self.dtype).min)
 
     @property
     def itemsize(self) -> int:
@@ -162,15 +160,10 @@ class Variable:
         """An array without results; texts are objects, so that each may have any length."""
         return np.full(shape, self.missing, object if self.dtype == "str" else self.dtype)
 
-    def stored(self, name: str) -> "dict[str, Variable]":
-        """The variables by which a file represents this one, by name: netCDF has no complex and no bool."""
-        if self.dtype == "complex128":
-            real = replace(self, dtype="float64", long_name=f"{REAL}{self.long_name or name}")
-            imaginary = replace(real, long_name=f"imaginary part of {self.long_name or name}")
-            return {f"{name}_real": real, f"{name}_imag": imaginary}
-        if self.dtype == "bool":
-            return {name: replace(self, dtype="int8", flags={0: "false", 1: "true"})}
-        return {name: self}
+    @property
+    def stored(self) -> "Variable":
+        """The variable by which a file represents this one: netCDF has no bool."""
+        return replace(self, dtype="int8", flags={0: "false", 1: "true"}) if self.dtype == "bool" else self
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,13 +313,9 @@ class Alignment:
         """Whether the two grids are equal."""
         return all(isinstance(each, slice) for each in self.indexers)
 
-    @property
-    def index(self) -> tuple[NDArray[np.intp], ...]:
-        """Index of the inner grid's points in an array of the outer shape."""
-        return np.ix_(*(np.arange(n)[each] for n, each in zip(self.outer, self.indexers, strict=True)))
-
-    def __call__(self, points: NDArray[Any]) -> NDArray[Any]:
-        """Flat indices in the outer grid of points of the inner one."""
+    def __call__(self, points: NDArray[Any] | None = None) -> NDArray[Any]:
+        """Flat indices in the outer grid of points of the inner one, of all by default."""
+        points = np.arange(math.prod(self.inner)) if points is None else points
         if self.identical:
             return points
         index = np.unravel_index(points, self.inner)
@@ -456,8 +445,7 @@ class Declaration:
                 raise InputError(f"{who} {what} = {each!r}: it must be a function")
         check_names(f"{who} variables", self.variables, Variable)
         check_names(f"{who} coords", self.coords, Axis)
-        stored = [k for name, each in self.variables.items() for k in each.stored(name)]
-        names = [*self.grid.axes, *self.coords, *stored]
+        names = [*self.grid.axes, *self.coords, *self.variables]
         for name in (each for each in names if names.count(each) > 1):
             raise InputError(f"{who} {name!r} names two things; each needs its own name")
         for name, variable in self.variables.items():
@@ -471,4 +459,4 @@ class Declaration:
     @property
     def stored(self) -> dict[str, Variable]:
         """The variables as the file represents them."""
-        return {k: v for name, each in self.variables.items() for k, v in each.stored(name).items()}
+        return {name: each.stored for name, each in self.variables.items()}

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from sweeps.errors import HINT_EITHER, InputError, StoreError
 from sweeps.grid import Axis, Grid, check_counts
 
-METHODS = ("sobol", "latin", "random")
 DIM = "sample"
 # Significant digits of a draw: quantile functions differ by rounding from one processor or library to the next.
 DIGITS = 12
@@ -40,10 +39,9 @@ def Sample(
     distributions : mapping of str to distribution
         Anything with a quantile function `ppf`, like frozen distributions of `scipy.stats`. Their order counts.
     count, seed : int
-        How many; of "sobol" a power of 2 is the most evenly spread.
+        How many, most evenly spread if a power of 2.
     method : str
-        "sobol": scrambled Sobol points, "random": independent numbers; a longer sample begins with the shorter.
-        "latin": a Latin hypercube, which does not grow.
+        "sobol", the only one: scrambled Sobol points, of which a longer sample begins with the shorter.
     axes : mapping of str to Axis, optional
         Axes besides: every draw is combined with each of their points.
     units : mapping of str to (str, str), optional
@@ -60,8 +58,6 @@ def Sample(
         whole = isinstance(given, (int, np.integer)) and not isinstance(given, bool)
         if not (whole and least <= given <= most):
             raise InputError(f"Sample: {what} = {given!r}: it must be a whole number from {least} to {most}")
-    if method not in METHODS:
-        raise InputError(f"Sample: method = {method!r}: it must be one of {', '.join(METHODS)}")
     check_counts({DIM: count} | {name: len(axis) for name, axis in (axes or {}).items()})
     probabilities = unit_draws(len(distributions), count, method, seed)
     draws: dict[str, Axis] = {}
@@ -70,24 +66,19 @@ def Sample(
         if not np.all(np.isfinite(values)):
             raise InputError(f"Sample: {name} = {described(each)}: it gives a draw that is not finite")
         draws[name] = Axis(values, *(units or {}).get(name, ("1", "")))
-    sampling = {"method": f"{method}, seed {seed}" + (f", {count} of them" if method == "latin" else "")}
-    sampling |= {name: described(each) for name, each in distributions.items()}
+    sampling = {"method": f"{method}, seed {seed}", **{k: described(each) for k, each in distributions.items()}}
     number = Axis(np.arange(count), long_name="number of the draw")
     return Grid({DIM: number, **draws, **(axes or {})}, zipped=(DIM, *draws), sampling=sampling)
 
 
 def unit_draws(dimensions: int, count: int, method: str, seed: int) -> NDArray[np.float64]:
-    """Points of the unit cube, (count, dimensions), none on its faces."""
+    """Scrambled Sobol points of the unit cube, (count, dimensions), none on its faces."""
     from scipy.stats import qmc  # slow to import, and most sweeps draw nothing
 
-    if method == "sobol":
-        points = qmc.Sobol(dimensions, seed=seed, bits=BITS).random_base2((int(count) - 1).bit_length())[:count]
-        return np.asarray(points + 0.5**BITS / 2.0)
-    if method == "latin":
-        points = qmc.LatinHypercube(dimensions, seed=seed).random(count)
-    else:
-        points = np.random.default_rng(seed).random((count, dimensions))
-    return np.asarray(np.clip(points, np.finfo(float).eps, 1.0 - np.finfo(float).eps))
+    if method != "sobol":
+        raise InputError(f"Sample: method = {method!r}: it must be 'sobol'")
+    points = qmc.Sobol(dimensions, seed=seed, bits=BITS).random_base2((int(count) - 1).bit_length())[:count]
+    return np.asarray(points + 0.5**BITS / 2.0)
 
 
 def quantiles(distribution: Any, probabilities: NDArray[np.float64]) -> NDArray[np.float64]:

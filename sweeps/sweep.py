@@ -1,38 +1,20 @@
 """The two objects of a user: a sweep, which plans, and its plan, which runs."""
 
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
 from sweeps.compute.run import execute
-from sweeps.errors import InputError, PendingWarning
+from sweeps.errors import PendingWarning
 from sweeps.fingerprint.identity import plain
 from sweeps.grid import Declaration
 from sweeps.plan.adoption import Adopt
-from sweeps.plan.planning import PlanData, make_plan, timed
+from sweeps.plan.planning import PlanData, make_plan
 from sweeps.plan.shares import merged, share_of
 from sweeps.status import Progress
-from sweeps.task import Pointwise
-
-Place = str | Path | None
-
-
-def pointwise(function: Callable[..., Any]) -> Pointwise:
-    """Use a function of numbers where a sweep needs a function of arrays.
-
-    Parameters
-    ----------
-    function : callable
-        `function(a=..., b=..., **constants)` takes one number (or string) for each axis. It returns a dict of
-        numbers or arrays, or the value of a single variable. An exception is stored with its point.
-    """
-    if not callable(function):
-        raise InputError(f"pointwise: function = {function!r}: it must be a function")
-    return Pointwise(function)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +63,7 @@ class Sweep(Declaration):
 
     def plan(
         self,
-        store: Place = None,
+        store: str | Path | None = None,
         *,
         fresh: bool = False,
         retry_failed: bool = False,
@@ -128,10 +110,6 @@ class Plan(PlanData):
     covers : tuple of str
         Modules, packages and files on which the results depend.
     """
-
-    def timed(self) -> "Plan":
-        """The same plan with a time estimated by computing some points now; NaN if all of them fail."""
-        return replace(self, seconds=timed(self))
 
     def share(self, number: int, count: int) -> "Plan":
         """Plan one of `count` shares of the computations, for a job that computes it; `number` is from 1.

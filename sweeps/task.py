@@ -1,22 +1,20 @@
 """One batch: from points to results, of a sweep's `Task`. A failing point is stored with its reason."""
 
 import inspect
-import pkgutil
 import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from sweeps.errors import UndeclaredError
+from sweeps.errors import InputError, UndeclaredError
 from sweeps.fingerprint.provenance import environment
 from sweeps.grid import Grid, Points, Variable, is_text
 from sweeps.storage.assemble import rounded
@@ -33,9 +31,18 @@ MOST_CHARACTERS = 400
 
 
 class Pointwise:
-    """A function of numbers as a function of batches; see `sweeps.pointwise`."""
+    """A function of numbers in the place of a function of arrays: `sweeps.pointwise`.
+
+    Parameters
+    ----------
+    function : callable
+        `function(a=..., b=..., **constants)` takes one number (or string) for each axis. It returns a dict of
+        numbers or arrays, or the value of a single variable. An exception is stored with its point.
+    """
 
     def __init__(self, function: Callable[..., Any]) -> None:
+        if not callable(function):
+            raise InputError(f"pointwise: function = {function!r}: it must be a function")
         self.function = self.__wrapped__ = function
 
     def __call__(self, points: Points, **constants: Any) -> dict[str, Any]:
@@ -65,6 +72,9 @@ class Pointwise:
         return results
 
 
+pointwise = Pointwise
+
+
 class BatchSummary(NamedTuple):
     """A finished batch: points, failed ones, s, where and why the first failed, and whether all did alike."""
 
@@ -85,8 +95,6 @@ class Task:
     function: Callable[..., Any]
     constants: Mapping[str, Any]
     variables: Mapping[str, Variable]
-    # The variables as a file represents them.
-    stored: Mapping[str, Variable]
     shapes: Mapping[str, tuple[int, ...]]
     grid: Grid
     rerun: Callable[[Mapping[str, Any]], str] | None = None
@@ -115,8 +123,7 @@ class Task:
 
     def _missing(self, points: Points) -> BatchResult:
         count = len(next(iter(points.values())))
-        shapes = {k: self.shapes[name] for name, each in self.variables.items() for k in each.stored(name)}
-        values = {k: v.absent((count, *shapes[k])) for k, v in self.stored.items()}
+        values = {k: v.stored.absent((count, *self.shapes[k])) for k, v in self.variables.items()}
         return BatchResult(values, np.zeros(count), environment=environment(self.libraries))
 
     def _fill(self, result: BatchResult, every: Points, begin: int, end: int) -> None:
@@ -138,7 +145,7 @@ class Task:
         result.wall_time[begin:end] = spent if times is None else times
         for name, values in returned.items():
             result.values[name][begin:end] = values
-        for row, error in enumerate(errors or (), begin):
+        for row, error in enumerate(errors, begin):
             if error is not None:
                 self._fail(result, every, row, error)
 
@@ -155,10 +162,10 @@ class Task:
         again = "" if self.rerun is None else self.rerun(point)
         result.failures[row] = Failure(shortened, _writable("".join([*lines, error])), _writable(again))
         for name, values in result.values.items():
-            values[row] = self.stored[name].missing
+            values[row] = self.variables[name].stored.missing
 
-    def _call(self, points: Points) -> tuple[dict[str, Any], list[Any] | None, Any]:
-        """Results as stored; errors and computing times if the function returns them."""
+    def _call(self, points: Points) -> tuple[dict[str, Any], list[Any], Any]:
+        """Results as stored, the error of each point or None, and computing times if the function returns them."""
         count, who = len(next(iter(points.values()))), f"the function of sweep {self.name} returned"
         returned = self.function(points, **self.constants)
         if not isinstance(returned, Mapping):
@@ -167,17 +174,17 @@ class Task:
             returned = dict(returned)
             returned.setdefault(next(iter(self.variables)), returned.pop(VALUE))
         self._check_declared(returned)
-        errors = None if returned.get(ERROR) is None else list(returned[ERROR])
-        for error in errors or ():
+        errors = [None] * count if returned.get(ERROR) is None else list(returned[ERROR])
+        for error in errors:
             if not (error is None or isinstance(error, Exception)):
                 raise TypeError(f"{who} the {ERROR} {error!r}; it must be an exception or None")
         times = None if returned.get(WALL_TIME) is None else np.asarray(returned[WALL_TIME], dtype=float)
-        if errors is not None and len(errors) != count:
+        if len(errors) != count:
             raise ValueError(f"{who} {len(errors)} of {ERROR!r}; it must be one a point, {count}")
         if times is not None and times.shape != (count,):
             raise ValueError(f"{who} {WALL_TIME!r} of shape {times.shape}; it must be ({count},)")
         results: dict[str, Any] = {}
-        for name, variable in self.variables.items() if errors is None or None in errors else ():
+        for name, variable in self.variables.items() if None in errors else ():
             if name not in returned:
                 raise KeyError(f"{who} no {name!r}")
             values, expected = np.asarray(returned[name]), (count, *self.shapes[name])
@@ -190,12 +197,11 @@ class Task:
                 continue
             if not fits(values, np.dtype(variable.dtype)):
                 other = f"; it may be declared as {how}" if (how := declaration(values)) else ""
+                other = "; return its real and its imaginary part" if values.dtype.kind == "c" else other
                 raise ValueError(
                     f"{who} {name!r} of type {values.dtype}, which does not fit {variable.dtype}{other}"
                 )
-            parts = [values.real, values.imag] if variable.dtype == "complex128" else [values]
-            for (k, v), part in zip(variable.stored(name).items(), parts, strict=True):
-                results[k] = rounded(part.astype(v.dtype, copy=False), v.digits)
+            results[name] = rounded(values.astype(variable.stored.dtype, copy=False), variable.digits)
         return results, errors, times
 
     def _check_declared(self, returned: Mapping[str, Any]) -> None:
@@ -211,8 +217,6 @@ def fits(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
     kind = values.dtype.kind
     if dtype.kind == "U":
         return is_text(values)
-    if dtype.kind == "c":
-        return kind in "biufc"
     if dtype.kind == "b" or kind not in "biuf":
         return dtype.kind == kind == "b"
     if dtype.kind == kind == "f":
@@ -233,7 +237,7 @@ def _present(values: Any) -> NDArray[Any]:
 
 def declaration(values: NDArray[Any]) -> str:
     """How to declare a variable that has these values; "" if no type fits."""
-    kinds = {"b": "bool", "i": "int64", "u": "int64", "f": "float64", "c": "complex128", "U": "str"}
+    kinds = {"b": "bool", "i": "int64", "u": "int64", "f": "float64", "U": "str"}
     dtype = kinds.get("U" if is_text(values) else values.dtype.kind, "")
     options = [f"dtype={dtype!r}"] * (dtype != "float64") + ["dims=..."] * (values.ndim > 1)
     return f"Variable({', '.join(options)})" if dtype and fits(values, np.dtype(dtype)) else ""
@@ -246,17 +250,6 @@ def _text(value: Any) -> str:
     if value is None or value != value:
         return ""
     raise TypeError(f"a result {value!r}: it must be text, or None where there is none")
-
-
-def importable(function: Any) -> Any:
-    """The function inside partials and `Pointwise`, if other processes import it by its name; else None."""
-    while isinstance(function, (partial, Pointwise)):
-        function = function.func if isinstance(function, partial) else function.function
-    module, name = getattr(function, "__module__", "__main__"), getattr(function, "__qualname__", None)
-    with suppress(ImportError, AttributeError, ValueError):
-        found: Any = None if module == "__main__" else pkgutil.resolve_name(f"{module}:{name}")
-        return function if inspect.unwrap(found) is inspect.unwrap(function) else None
-    return None
 
 
 class _Blas:

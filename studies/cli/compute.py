@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from studies.cli.app import command, warned
-from studies.cli.execution import estimated, execute, typed, with_axes
+from studies.cli.execution import estimated, execute, timed, typed, with_axes
 from studies.cli.options import HOW, MAP, POINTS, STUDY
 from studies.cli.output import columns, say, show
 from studies.cli.progress import announce_compiling
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
 
 # Letters of the name of a folder that is offered; options that change nothing in a result.
 LONGEST, SHOWING = 60, ("--fresh", "--yes", "-q", "--quiet", "-v", "--verbose", "--retry-failed", "--fail-fast")
-TIME = click.option("--time", "timed", is_flag=True, help="Compute a few points now, to estimate the time of all.")
+TIME = click.option("--time", "measured", is_flag=True, help="Compute a few points, to estimate the time of all.")
 
 
 @command("plan", "Dry run: what a run would compute and cost.", STUDY, *POINTS, TIME)
-def plan(study: str, timed: bool, **points: Any) -> None:
+def plan(study: str, measured: bool, **points: Any) -> None:
     """Dry run: what a run would compute, store and cost. Writes nothing, and without --time computes nothing.
 
     \b
     fiv plan scenes --set V=log:1e-3:1e-2:10 --record velocity_B
     """  # noqa: D301 - the backspace tells click to keep the lines
     one, planned, _, lines = _planned(study, points, False)
-    show(with_axes(one, planned, repr(planned.timed()) if timed else estimated(one.name, planned)[1]))
+    show(with_axes(one, planned, repr(timed(planned)) if measured else estimated(one.name, planned)[1]))
     say(*lines)
 
 

@@ -27,6 +27,9 @@ ASK_SECONDS, ASK_BYTES = 300.0, 1e9  # a run that takes longer or writes more as
 # A point of these maps costs what one of the study does. A measured time counts if it is below the reference's, or
 # so many times as long: the first points of a run take longer than all others.
 LIKE, FAR = {"map_growth": "stability", "map_motion": "regimes"}, 10.0
+# `timed` computes batches of these sizes at these places of the work, until so many s have passed.
+SIZES, PLACES = (1, 1, 8, 8, 8, 8, 8, 8), (0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875)
+MEASURED_SECONDS = 0.15
 
 
 def estimated(study: str, planned: Plan) -> tuple[Plan, str]:
@@ -41,6 +44,26 @@ def estimated(study: str, planned: Plan) -> tuple[Plan, str]:
     planned = replace(planned, seconds=seconds)
     text = f"{about(seconds)}{' on one core' * (seconds >= 1.0)}, as the reference took{advice}"
     return planned, re.sub(r"(?m)^(estimated time +).*$", lambda line: line[1] + text, repr(planned))
+
+
+def timed(plan: Plan) -> Plan:
+    """A plan with its time on one core as some of its points, computed now, tell; NaN if all of them fail.
+
+    The results are thrown away. The first batch pays for compilation and caches; it counts only if it is all.
+    """
+    seconds, spent, due = nan if plan.todo else 0.0, 0.0, plan.due.nonzero()[0]
+    # Spread over the work, since costs may differ from end to end.
+    for number, (count, place) in enumerate(zip(SIZES, PLACES, strict=True)):
+        points = due[int(place * plan.todo) :][:count]
+        if not len(points) or spent > MEASURED_SECONDS:
+            break
+        result = plan.task.compute(plan.manifest.grid.points(points))
+        taken = float(result.wall_time.sum())
+        spent += taken if number else 0.0
+        if (number or plan.todo == 1) and len(result.failures) < len(result):
+            # The last batch is the largest, and closest to those of a run.
+            seconds = taken / len(points) * plan.todo
+    return replace(plan, seconds=seconds)
 
 
 def with_axes(study: Study, planned: Plan, text: str) -> str:
@@ -71,7 +94,7 @@ def execute(
     asking = not yes and sys.stdin.isatty()
     planned, text = estimated(study.name, planned)
     if asking and isnan(planned.seconds):
-        planned = planned.timed()
+        planned = timed(planned)
         text = repr(planned)
     say(with_axes(study, planned, text), *lines)
     # NaN, where no point gives an estimate, asks too.

@@ -54,7 +54,7 @@ STORED = (
     option("--strict", is_flag=True, help="Refuse unusual values, and points of other versions and processors."),
 )
 SPECS = "mu=0.2, V=1,2mm/s, mu=0:0.5:101 (start:stop:count), mu=log:1e-3:1:30, V=auto, a word, a distribution"
-KEYS = "set and scatter (tables), study, points, record, sample_rate, samples, seed, sampling, scheduler, workers"
+KEYS = "set and scatter (tables), study, points, record, sample_rate, samples, seed, scheduler, workers"
 RIG = option("--rig", metavar="FILE.toml", help="An own structure (fiv structure), or a file as for --config.")
 # Options of `plan` and `run`: the points.
 POINTS = (
@@ -62,7 +62,6 @@ POINTS = (
     option("--config", metavar="FILE.toml", help=f"Keys {KEYS}. Options win."),
     RIG,
     *DRAWS,
-    option("--sampling", metavar="METHOD", help="sobol (the default), latin or random."),
     option("--points", metavar="FILE.csv", help="Rows to compute; heads are parameters, like p1_thickness [mm]."),
     option("--record", metavar="NAME,...", help="Record time series, for example velocity_B,normal_force."),
     option("--sample-rate", metavar="HZ", help="Sampling rate of recorded series: 20e3 or 20kHz."),

@@ -29,11 +29,12 @@ from studies.motion import ensemble, regimes, run
 from studies.motion.jobs import outcomes
 from studies.parameters import RIG, RUN, SCENE, SLIDING, Parameter, rig_numbers, suggest, unusual, warn_unusual
 from studies.plotting import figures, planes
+from studies.refinement import report
 from studies.request import Request, assignment, structure_of
 from studies.results import MAPS, configuration, results_folder, settings, structure_in
 from studies.stability import first_of, growths
 from studies.study import Study
-from sweeps import FAILED, InputError, Plan, Refinement, Variable, check_counts, refined, refinement_report
+from sweeps import FAILED, InputError, Plan, Refinement, Variable, check_counts, refined
 
 MU_MAX, LONGEST_NAME = 1.0, 60
 # A quantity passes from one class to another at these values.
@@ -210,7 +211,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         elif name in THRESHOLDS:
             found += f", above {THRESHOLDS[name]:g} at {100.0 * float((values > THRESHOLDS[name]).mean()):.3g} %"
         yield f"{labels.title(name, dataset[name])}: {found}."
-    yield " ".join([f"{dataset['status'].size} points.", *refinement_report(dataset)])
+    yield " ".join([f"{dataset['status'].size} points.", *report(dataset)])
     if y is None:
         yield "Values", summary.frame(dataset, [x, *names, *(f"{n}_se" for n in names if f"{n}_se" in dataset)])
     if texts := configuration(dataset)["constants"].get("distributions"):

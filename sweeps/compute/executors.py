@@ -258,18 +258,6 @@ class Payload:
         return environment(libraries)
 
 
-class _Writer(PartWriter):
-    """Writes parts in a worker, as long as the run goes on."""
-
-    def __init__(self, payload: Payload, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self._payload = payload
-
-    def _rename(self, temporary: Path, path: Path) -> None:
-        if self._payload.is_seen():
-            super()._rename(temporary, path)
-
-
 # Function, declared code and digests of the last task that was unpacked here.
 _seen: list[tuple[list[Any], list[str], dict[str, str]]] = []
 
@@ -290,4 +278,4 @@ def _unpacked(payload: Payload) -> tuple[Task, PartWriter | None]:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     if payload.probe is None or not payload.is_seen():
         return task, None
-    return task, _Writer(payload, payload.probe.parent, task.stored, token)
+    return task, PartWriter(payload.probe.parent, task.variables, token, goes_on=payload.is_seen)

@@ -1,6 +1,7 @@
 """The execution of a plan: one loop over batches, which are computed, stored and assembled."""
 
 import json
+import math
 import signal
 import sys
 import threading
@@ -9,7 +10,8 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
+from itertools import islice
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -27,17 +29,19 @@ from sweeps.grid import FAILED
 from sweeps.plan.adoption import Adoption, confirm
 from sweeps.plan.batches import BatchSizes, Queue
 from sweeps.plan.planning import ENGINE, ROW_BYTES, PlanData, duration, mixture, select
-from sweeps.status import Monitor, Progress, Snapshot
+from sweeps.status import Progress, Snapshot
 from sweeps.storage.assemble import Source, Table, assemble, restore_types
 from sweeps.storage.existing import existing, opened
 from sweeps.storage.netcdf import described, write
 from sweeps.storage.parts import BOOKKEEPING, PartSource, PartWriter
-from sweeps.storage.shares import Share, clear, locked, shares_of
-from sweeps.storage.store import Store
+from sweeps.storage.store import Store, owner, write_state
 from sweeps.task import BatchSummary, one_blas_thread
 
-# s between looks at whether to stop; between lines of progress that are no terminal's.
-TICK, INTERVAL = 0.1, 5.0
+# s between looks at whether to stop; between lines of progress that are no terminal's; between states that are
+# written for other processes, and how long a rate was measured before it counts.
+TICK, LINE_INTERVAL, INTERVAL = 0.1, 5.0, 1.0
+# Number of running batches that a snapshot describes.
+SHOWN = 4
 
 
 def execute(
@@ -52,10 +56,19 @@ def execute(
     def compute(plan: PlanData, store: Store | None, fail_fast: bool = fail_fast) -> Table:
         return _Run(plan, store, report, fail_fast).compute(scheduler, workers)
 
-    data, after = _execute(plan, compute)
+    if plan.store is None:
+        data = assemble(compute(plan, None), lazy=False)
+        data = restore_types(described(plan.manifest, data, plan.sweep.derive))
+    else:
+        store = Store(plan.store, plan.shared)
+        planned = plan.manifest.attributes["fingerprint"]
+        with steady(plan.sweep, ENGINE, planned) if plan.todo or plan.adoption else nullcontext():
+            if plan.adoption is not None:
+                plan = _adopt(plan, store, plan.adoption, compute)
+            data, plan = _finish(plan, store, compute)
     if line := _failures(data):
         warnings.warn(f"{plan.sweep.name}: {line}", errors.FailedPointsWarning, stacklevel=3)
-    return data, after
+    return data, plan
 
 
 def _lines() -> Progress:
@@ -65,7 +78,7 @@ def _lines() -> Progress:
     def update(now: Snapshot) -> None:
         nonlocal last
         ended = not now.now and (now.done >= now.todo or now.stopping)
-        if not (ended or terminal or time.monotonic() - last >= INTERVAL):
+        if not (ended or terminal or time.monotonic() - last >= LINE_INTERVAL):
             return
         last, texts = time.monotonic(), [f"{now.done} of {now.todo} done"]
         texts += [f"{now.failed} failed"] * bool(now.failed) + ["stopping"] * (now.stopping and not ended)
@@ -79,28 +92,13 @@ def _lines() -> Progress:
 
 def _failures(data: xr.Dataset) -> str:
     """How many points of a result failed, and where and why the first did; "" if none has."""
-    failed = np.flatnonzero(data["status"].values == FAILED)
-    if not len(failed):
+    failed = data["status"] == FAILED
+    if not (count := int(failed.sum())):
         return ""
-    status = data["status"]
-    place = dict(zip(status.dims, np.unravel_index(failed[0], status.shape), strict=True))
-    axes = [(name, each) for name, each in data.coords.items() if each.dims and set(each.dims) <= set(status.dims)]
-    point = ", ".join(f"{name} = {each.isel({d: place[d] for d in each.dims}).item()}" for name, each in axes)
-    first = " ".join(str(data["error"].isel(place).item()).split())
-    return f"{len(failed)} of {status.size} points failed, the first at {point}: {first}; data.status marks them"
-
-
-def _execute(plan: PlanData, compute: Callable[..., Table]) -> tuple[xr.Dataset, PlanData]:
-    if plan.store is None:
-        data = assemble(compute(plan, None), lazy=False)
-        return restore_types(described(plan.manifest, data, plan.sweep.derive)), plan
-    store = Store(plan.store) if plan.shared is None else Share(plan.store, *plan.shared)
-    if not (plan.todo or plan.adoption):
-        return _finish(plan, store, compute)
-    with steady(plan.sweep, ENGINE, plan.manifest.attributes["fingerprint"]):
-        if plan.adoption is not None:
-            plan = _adopt(plan, store, plan.adoption, compute)
-        return _finish(plan, store, compute)
+    first = data["error"].isel(failed.argmax(failed.dims))
+    point = ", ".join(f"{name} = {each.item()}" for name, each in first.coords.items() if data[name].dims)
+    why = " ".join(str(first.item()).split())
+    return f"{count} of {failed.size} points failed, the first at {point}: {why}; data.status marks them"
 
 
 def _adopt(plan: PlanData, store: Store, chosen: Adoption, compute: Callable[..., Table]) -> PlanData:
@@ -110,14 +108,14 @@ def _adopt(plan: PlanData, store: Store, chosen: Adoption, compute: Callable[...
     nothing: dict[str, Any] = {"sources": (), "environments": (), "cached": 0, "store": None, "seconds": 0.0}
     trial = replace(plan, **nothing, due=due, todo=len(chosen.points), sweep=replace(plan.sweep, refinement=None))
     before = Table(plan.manifest, [each for each in plan.sources if each.name not in plan.damaged])
-    with locked(store):
+    with store.locked():
         _check_version(plan, store)
         line = confirm(chosen, before, compute(trial, None, fail_fast=False))
         remark = "; ".join(filter(None, [plan.sweep.remark, line]))
         manifest = replace(plan.manifest, attributes={**plan.manifest.attributes, "remark": remark})
         # What follows from all points follows when they are there.
         write(store, Table(manifest, before.sources), None if plan.todo else plan.sweep.derive)
-        clear(store)
+        store.clear_all()
     own = json.loads(plan.manifest.attributes["fingerprint"])
     present = existing(store, plan.sweep.name, own)
     sources = () if present is None else tuple(present.sources)
@@ -133,7 +131,7 @@ def _check_version(plan: PlanData, store: Store) -> None:
 
 def _finish(plan: PlanData, store: Store, compute: Callable[..., Table]) -> tuple[xr.Dataset, PlanData]:
     """Compute what is missing, write the file and read what is requested; return the plan as it is then."""
-    with nullcontext() if plan.whole else locked(store):
+    with nullcontext() if plan.whole else store.locked():
         _check_version(plan, store)
         if not plan.whole:
             table = compute(plan, store)
@@ -147,7 +145,7 @@ def _finish(plan: PlanData, store: Store, compute: Callable[..., Table]) -> tupl
                 # The next plan computes its points again.
                 (store.parts / problem.part).unlink(missing_ok=True)
                 raise
-            clear(store)
+            store.clear_all()
     if plan.whole and store.parts.exists():
         # They remain of a run that was killed when its file was complete; whoever releases the lock removes them.
         with suppress(StoreError), store.locked():
@@ -182,7 +180,11 @@ class _Run:
         if store is not None:
             last = ["", *store.part_names()][-1]
             self.writer = PartWriter(store.parts, plan.manifest.variables, plan.manifest.token, last)
-        self.monitor = Monitor(plan.cached, plan.todo, progress, None if store is None else store.progress)
+        self.progress, self.owner, self.begun, self.written = progress, owner(), time.monotonic(), -math.inf
+        self.todo, self.done, self.failed, self.planned_rate = plan.cached + plan.todo, plan.cached, 0, math.nan
+        self.since = self.done, self.begun  # of the rate: the first batch, which compiles, is not timed
+        # What the submitted batches compute, by their first points; whether they are being reported.
+        self.now, self.reporting = dict[int, str](), False
         row = sum(map(plan.manifest.row_bytes, plan.manifest.variables)) + ROW_BYTES
         self.sizes = BatchSizes(row)
         # Plain values: a signal's handler counts, and must not wait for a lock.
@@ -214,7 +216,7 @@ class _Run:
                 # Threads that were given up write nothing from now on.
                 if self.writer is not None:
                     self.writer.close()
-                self.monitor.write()
+                self._write_state()
         if self.common_error:
             if self.store is not None and not self.plan.sources:
                 self.store.clear()
@@ -231,7 +233,7 @@ class _Run:
 
     def _check_environments(self, environments: Sequence[Environment], *, strict: bool = True) -> None:
         if line := mixture(self.plan.store or self.plan.sweep.name, environments, strict and self.plan.strict):
-            warnings.warn(line, errors.MixedWarning, stacklevel=8 + (self.store is not None))
+            warnings.warn(line, errors.MixedWarning, stacklevel=7 + (self.store is not None))
 
     @contextmanager
     def _writing(self, store: Store) -> Iterator[None]:
@@ -247,7 +249,7 @@ class _Run:
         workers = min(workers or CPU_COUNT, plan.todo if plan.sweep.refinement is None else plan.points)
         # BLAS is limited for all batches here, since it takes a few milliseconds.
         with one_blas_thread(), self._backend(scheduler, workers) as executor:
-            self.monitor.rate = executor.workers * plan.todo / max(plan.seconds, 1e-9)
+            self.planned_rate = executor.workers * plan.todo / max(plan.seconds, 1e-9)
             self.environments += executor.environments(plan.task.libraries)
             self._check_environments(self.environments)
             if (store := self.store) is not None:
@@ -255,7 +257,7 @@ class _Run:
                     store.parts.mkdir(parents=True, exist_ok=True)
                     # Temporary files of killed runs, damaged parts, and parts of another manifest.
                     useless = {*store.part_names()} - {source.name for source in self.sources}
-                    for share in shares_of(store) if plan.manifest.fresh else ():
+                    for share in store.shares() if plan.manifest.fresh else ():
                         share.clear()
                     for path in [*map(store.parts.joinpath, useless), *store.parts.glob(".*.tmp")]:
                         path.unlink(missing_ok=True)
@@ -267,7 +269,7 @@ class _Run:
                 if plan.sweep.refinement is None or plan.shared or self._stopped():
                     return
                 due = select(plan.sweep, plan.manifest, plan.requested, self.sources)["due"]
-                self.monitor.todo += int(np.count_nonzero(due))
+                self.todo += int(np.count_nonzero(due))
 
     @contextmanager
     def _backend(self, scheduler: Any, workers: int) -> Iterator[Backend]:
@@ -314,7 +316,8 @@ class _Run:
         ends = self.plan.manifest.grid.points(points[[0, -1]])
         texts = {k: [f"{n:g}" if isinstance(n, float) else str(n) for n in v.tolist()] for k, v in ends.items()}
         spans = [f"{axis} = {' to '.join(dict.fromkeys(each))}" for axis, each in texts.items()]
-        self.monitor.begin(int(points[0]), ", ".join(spans))
+        self.now[int(points[0])] = ", ".join(spans)
+        self._report()
         future = executor.submit(name, points)
         self._submitted[future] = name, points, alone
         future.add_done_callback(self._done.put)
@@ -342,8 +345,9 @@ class _Run:
                 summary = self.plan.task.run(points, RuntimeError("the process that computed this point died"))
             else:
                 self._suspects += np.array_split(points, min(2, len(points)))
+        del self.now[int(points[0])]
         if summary is None:  # it was not begun, or is computed again
-            self.monitor.end(int(points[0]))
+            self._report()
             return
         if points is self._first and left and summary.alike:
             # Nothing is stored of it, so that the next run tries these points again.
@@ -358,7 +362,38 @@ class _Run:
                 self.sources.append(PartSource(self.store.parts, name))
             elif summary.result is not None:
                 self.sources.append(summary.result)
-        self.monitor.end(int(points[0]), summary.rows, summary.failed)
+        if self.done == self.plan.cached:
+            self.since = self.done + summary.rows, time.monotonic()
+        self.done, self.failed = self.done + summary.rows, self.failed + summary.failed
+        self._report()
+
+    def _snapshot(self) -> Snapshot:
+        now, cached = time.monotonic(), self.plan.cached
+        elapsed, counted = max(now - self.begun, 1e-9), now - self.since[1]
+        rate = (self.done - self.since[0]) / max(counted, INTERVAL) or (self.done - cached) / elapsed
+        left = (self.todo - self.done) / rate if rate > 0.0 else math.nan
+        if self.planned_rate > 0.0 and (counted < INTERVAL or self.done == cached):
+            rate, left = 0.0, (self.todo - self.done) / self.planned_rate
+        batches = tuple(islice(self.now.values(), SHOWN))
+        return Snapshot(self.todo, self.done, self.failed, elapsed, rate, left, batches, self.interrupts > 0)
+
+    def _report(self) -> None:
+        self.reporting = True
+        try:
+            snapshot = self._snapshot()
+            if self.progress is not None:
+                self.progress(snapshot)
+            if time.monotonic() - self.written >= INTERVAL:
+                self._write_state()
+        finally:
+            self.reporting = False
+        if self.interrupts and not snapshot.stopping:  # it was interrupted meanwhile
+            self._report()
+
+    def _write_state(self) -> None:
+        self.written = time.monotonic()
+        if self.store is not None:
+            write_state(self.store.progress, asdict(self._snapshot()) | self.owner)
 
     def write(self, name: str, summary: BatchSummary) -> BatchSummary:
         """Write the part of a batch; return the summary without the result."""
@@ -383,7 +418,10 @@ class _Run:
             # While the run waits, the loop raises: a destructor that runs meanwhile would lose the exception.
             if self.interrupts > 1 and not self._waiting:
                 raise KeyboardInterrupt
-            self.monitor.stop()
+            # A report that is interrupted sees it at its end; a handler must not raise.
+            if not self.reporting:
+                with suppress(Exception):
+                    self._report()
 
         try:
             if ours:

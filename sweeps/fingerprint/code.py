@@ -86,10 +86,10 @@ class _Reach:
     def kind(self, home: str) -> str:
         """Whose code a module is; an installed package that is met counts."""
         root = home.partition(".")[0]
-        kind = "library" if root == modules.ENGINE else modules.kind_of(home)
-        self.libraries |= (
-            {root} if root != modules.ENGINE and kind != "local" and modules.is_installed(root) else set()
-        )
+        if root == modules.ENGINE:
+            return "library"
+        if (kind := modules.kind_of(home)) != "local" and modules.is_installed(root):
+            self.libraries.add(root)
         if kind == "installed":
             self.lines.setdefault(root, [modules.record(root)])
         elif kind == "local" and (extension := modules.extension_of(home)):
@@ -105,11 +105,8 @@ class _Reach:
         name = getattr(function, "__qualname__", type(function).__qualname__)
         plain = isinstance(function, FunctionType)
         text = self._definition(function, name) if plain else self.text(function, name)
-        text += (
-            bytecode(function.__code__).text
-            if plain and modules.home_of(function).startswith(f"{modules.ENGINE}.")
-            else ""
-        )
+        if plain and modules.home_of(function).startswith(f"{modules.ENGINE}."):
+            text += bytecode(function.__code__).text
         self.lines.setdefault(modules.home_of(inner), []).append(text)
 
     def declare(self, name: str | Path) -> None:

@@ -74,15 +74,11 @@ def _is_exact(value: Any) -> bool:
     return value is None or isinstance(value, (bool, int, float, str, np.integer, np.bool_))
 
 
-def functions_of(sweep: Declaration) -> list[Callable[..., Any]]:
-    """The functions whose code decides the values of a sweep."""
-    return [each for each in (sweep.function, sweep.key, sweep.scale) if each is not None]
-
-
 def coverage(sweep: Declaration, engine: Sequence[Callable[..., Any]] = ()) -> Covered:
     """The code on which the values of a sweep depend, and the contents of constants that JSON does not keep."""
     values = {name: each for name, each in sweep.constants.items() if not _is_exact(each)}
-    return covered([*functions_of(sweep), *engine], sweep.code, values)
+    own = [each for each in (sweep.function, sweep.key, sweep.scale) if each is not None]
+    return covered([*own, *engine], sweep.code, values)
 
 
 def fingerprint(sweep: Declaration, reached: Covered) -> dict[str, Any]:

@@ -21,20 +21,9 @@ from sweeps.fingerprint.provenance import distributions
 ENGINE = __name__.partition(".")[0]
 # Where installed packages lie; those that do not count, since their versions are part of the environment.
 INSTALLED = {"site-packages", "dist-packages"}
-LIBRARIES = {
-    "numpy",
-    "scipy",
-    "numba",
-    "llvmlite",
-    "pandas",
-    "xarray",
-    "netCDF4",
-    "dask",
-    "distributed",
-    "matplotlib",
-}
+LIBRARIES = {"numpy", "scipy", "numba", "llvmlite", "pandas", "xarray", "netCDF4", "dask", "distributed"}
 LIBRARIES |= {"cloudpickle", "threadpoolctl", "filelock", "cryptography", "click", "rich", "jinja2", "markupsafe"}
-LIBRARIES |= {"itables", "PIL", "pint", "pyuff", "mpmath"}
+LIBRARIES |= {"matplotlib", "itables", "PIL", "pint", "pyuff", "mpmath"}
 
 
 def home_of(function: Any) -> str:

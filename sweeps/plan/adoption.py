@@ -1,7 +1,7 @@
 """Adoption: results of other code become those of the present code if computations that are repeated agree."""
 
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -32,31 +32,30 @@ class Adopt:
 
 @dataclass(frozen=True)
 class Adoption:
-    """The computations of a plan that are repeated, of so many that are stored."""
+    """The computations of a plan that are repeated by a rule, of so many that are stored."""
 
     points: NDArray[np.intp]
     stored: int
-    seed: int
-    exact: bool
-    measured: tuple[str, ...]
+    rule: Adopt
 
     def __str__(self) -> str:
-        return f"{len(self.points)} of {self.stored} stored computations are repeated first (seed {self.seed})"
+        text = f"{len(self.points)} of {self.stored} stored computations are repeated first"
+        return f"{text} (seed {self.rule.seed})"
 
 
 def choose(adopt: Any, table: Table) -> Adoption:
     """Choose one stored computation at random from each of `count` equal stretches of the grid."""
     adopt = adopt if isinstance(adopt, Adopt) else Adopt(adopt)
-    count, seed = adopt.count, adopt.seed
+    count = adopt.count
     if not isinstance(count, (int, np.integer)) or isinstance(count, bool) or count < 1:
         raise InputError(f"adopt = {count!r}: it must be the number of points to compute again, 1 or above")
     stored = np.flatnonzero((table.status == DONE) & ~table.is_copy)
     if not len(stored):
         raise StoreError("adopt: no point is stored that could be computed again")
-    seed = secrets.randbelow(1 << 32) if seed is None else seed
+    seed = secrets.randbelow(1 << 32) if adopt.seed is None else adopt.seed
     ends = np.arange(min(count, len(stored)) + 1) * len(stored) // min(count, len(stored))
     points = stored[np.random.default_rng(seed).integers(ends[:-1], ends[1:])]
-    return Adoption(points, len(stored), seed, adopt.exact, adopt.measured)
+    return Adoption(points, len(stored), replace(adopt, seed=seed))
 
 
 def confirm(adoption: Adoption, before: Table, after: Table) -> str:
@@ -68,7 +67,7 @@ def confirm(adoption: Adoption, before: Table, after: Table) -> str:
     found = 1.0 if count == adoption.stored else 1.0 - (1.0 - SHARE) ** count
     line = f"{count} of {adoption.stored} computations, repeated with other code, agree "
     line += f"within {MOST_ERRORS:g} standard errors" if differing else "in all bits"
-    line += f" (seed {adoption.seed}; a change at {100 * SHARE:g} % of the points would have been found"
+    line += f" (seed {adoption.rule.seed}; a change at {100 * SHARE:g} % of the points would have been found"
     line += f" with a probability of {100.0 * found:.3g} %)"
     return line + (f"; without a standard error, so not compared: {', '.join(skipped)}" if skipped else "")
 
@@ -79,11 +78,11 @@ def _compared(adoption: Adoption, before: Table, after: Table, point: int) -> li
     refused = f"the results are not adopted, and nothing has changed: at {place}"
     if after.status[point] != DONE:
         raise StoreError(f"{refused} the computation fails now: {after.reasons()[point].error}")
-    names, row = [n for n in before.manifest.variables if n not in adoption.measured], slice(point, point + 1)
+    names, row = [n for n in before.manifest.variables if n not in adoption.rule.measured], slice(point, point + 1)
     both = {name: [np.asarray(table.values(name, row)[0]) for table in (before, after)] for name in names}
     differ = [name for name, (a, b) in both.items() if not _equal_entries(a, b).all()]
     # A run whose statistics differ, though within their errors, is chaotic: nothing of it has the same bits.
-    errors = {name: both[name + ERROR] for name in differ if name + ERROR in names and not adoption.exact}
+    errors = {name: both[name + ERROR] for name in differ if name + ERROR in names and not adoption.rule.exact}
     for name in differ:
         a, b = both[name]
         if name in errors:

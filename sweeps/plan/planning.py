@@ -17,14 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sweeps.errors import DamagedError, InputError, MixedWarning, StoreError
-from sweeps.fingerprint.identity import (
-    configuration,
-    coverage,
-    differences,
-    fingerprint,
-    metadata_digest,
-    recompiled,
-)
+from sweeps.fingerprint import identity
+from sweeps.fingerprint.identity import configuration, coverage, differences, fingerprint
 from sweeps.fingerprint.modules import home_of
 from sweeps.fingerprint.provenance import Environment, environment, mixed, source
 from sweeps.grid import BLOCK, FAILED, PENDING, Alignment, Declaration, Grid, Refinement, check_size, first_equal
@@ -47,9 +41,6 @@ MOST_NAMES = 4
 ROW_BYTES = 16
 # The share of a rounded float that compression leaves.
 COMPRESSED = 0.6
-# `Plan.timed` computes batches of these sizes at these places of the work, until so many s have passed.
-SIZES, PLACES = (1, 1, 8, 8, 8, 8, 8, 8), (0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875)
-SECONDS = 0.15
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -150,9 +141,9 @@ def make_plan(
     sweep: Declaration, store: str | Path | None, *, fresh: bool, retry_failed: bool, strict: bool, adopt: Any
 ) -> dict[str, Any]:
     """The fields of the plan of a sweep; see `sweeps.Sweep.plan`."""
-    if store is None or (fresh and adopt is not None):
-        if adopt is not None:
-            raise InputError("adopt: it is for stored results; give their file, and leave fresh out")
+    if adopt is not None and (store is None or fresh):
+        raise InputError("adopt: it is for stored results; give their file, and leave fresh out")
+    if store is None:
         return _make_plan(sweep, None, fresh, retry_failed, strict, adopt)
     place = Store(store)
     place.check_place(sweep.name)
@@ -184,14 +175,14 @@ def _make_plan(
     if place is not None:
         reached = coverage(sweep, ENGINE)
         own, imported = fingerprint(sweep, reached), reached.libraries
-        attributes |= {"fingerprint": json.dumps(own), "metadata_digest": metadata_digest(sweep)}
+        attributes |= {"fingerprint": json.dumps(own), "metadata_digest": identity.metadata_digest(sweep)}
         if fresh:
             check_replaceable(place, sweep.name)
         else:
             present = existing(place, sweep.name, own, code=adopt is None) or present
             check_same_draws(place.file, present.grid, sweep.grid)
 
-    if (line := recompiled(present.attributes, own)) and adopt is None:
+    if (line := identity.recompiled(present.attributes, own)) and adopt is None:
         warnings.warn(f"{sweep.name}: {line}", MixedWarning, stacklevel=4)
     grid = present.grid.union(sweep.grid)
     check_size(grid)
@@ -199,9 +190,9 @@ def _make_plan(
     if sweep.remark:
         attributes["remark"] = sweep.remark
     alignment = grid.align(sweep.grid)
-    mask, requested = grid.mask(), np.zeros(grid.shape, dtype=bool)
-    requested[alignment.index] = True
-    requested = requested.ravel() & mask
+    mask, requested = grid.mask(), np.zeros(grid.size, dtype=bool)
+    requested[alignment()] = True
+    requested &= mask
     axes = replace(grid, skip=None), sweep.coords, sweep.stored
     points = representatives(sweep, grid, requested, mask & ~requested), factors(sweep, grid, mask)
     manifest = Manifest(sweep.name, sweep.title or sweep.name, *axes, *points, attributes, fresh)
@@ -218,8 +209,8 @@ def _make_plan(
     mixture(file or sweep.name, [*selection["environments"], environment(imported)], strict)
     finished = bool(present.sources) and present.manifest is None and not selection["todo"]
     same = present.attributes.get("metadata_digest") == attributes.get("metadata_digest")
-    shapes = {name: tuple(len(sweep.coords[dim]) for dim in each.dims) for name, each in sweep.variables.items()}
-    what = sweep.name, sweep.function, sweep.constants, sweep.variables, sweep.stored
+    shapes = {name: manifest.shape(name) for name in sweep.variables}
+    what = sweep.name, sweep.function, sweep.constants, sweep.variables, shapes
     shrunk = {name: 1.0 if each.digits is None else COMPRESSED for name, each in sweep.stored.items()}
     return selection | {
         "sweep": sweep,
@@ -228,7 +219,7 @@ def _make_plan(
         "skipped": sweep.grid.size - int(np.count_nonzero(requested)),
         "bytes": int(grid.size * (ROW_BYTES + sum(manifest.row_bytes(name) * shrunk[name] for name in shrunk))),
         "manifest": manifest,
-        "task": Task(*what, shapes, manifest.grid, sweep.rerun, imported),
+        "task": Task(*what, manifest.grid, sweep.rerun, imported),
         "alignment": alignment,
         "requested": requested,
         "sources": tuple(present.sources),
@@ -309,8 +300,7 @@ def select(
         try:
             chosen = requested & _refined(sweep, sweep.refinement, table)
         except DamagedError as problem:
-            left = [source for source in sources if source.name not in (*table.damaged, problem.part)]
-            fields = select(sweep, manifest, requested, left, retry_failed)
+            fields = select(sweep, manifest, requested, table.without(problem.part), retry_failed)
             return fields | {"damaged": (*table.damaged, problem.part, *fields["damaged"])}
     status = table.status
     again = chosen & ((status == PENDING) | (retry_failed & (status == FAILED)))
@@ -336,37 +326,19 @@ def select(
 
 def _refined(sweep: Declaration, refinement: Refinement, table: Table) -> Flags:
     manifest, name = table.manifest, refinement.variable
-    shape, row = manifest.grid.shape, manifest.row_bytes(name)
+    row = manifest.row_bytes(name)
     if row * manifest.grid.size > LARGE:
         many = f"{manifest.grid.size} points of {name} are too many to refine"
         raise InputError(f"Sweep {sweep.name}: {many}; it must be at most {LARGE // row}")
     values = table.values(name, slice(None)).astype(float)
     if refinement.whole:
         values[values == manifest.variables[name].missing] = np.nan
-    own, chosen = manifest.grid.align(sweep.grid).index, np.zeros(shape, dtype=bool)
+    own, shape = manifest.grid.align(sweep.grid)(), sweep.grid.shape
     # Of failed and skipped points the value is NaN.
-    known = (table.status != PENDING).reshape(shape)[own]
+    known = table.status[own] != PENDING
     first = None if sweep.key is None else manifest.representative
-    copied = None if first is None else first.reshape(shape)[own]
-    chosen[own] = choose(values.reshape(shape)[own], known, refinement.levels, refinement, copied).points
-    return chosen.ravel()
-
-
-def timed(plan: PlanData) -> float:
-    """The estimated time of a plan on one core, s, by computing some of its points; NaN if all of them fail.
-
-    The results are thrown away. The first batch pays for compilation and caches; it counts only if it is all.
-    """
-    seconds, spent, due = math.nan if plan.todo else 0.0, 0.0, np.flatnonzero(plan.due)
-    # Spread over the work, since costs may differ from end to end.
-    for number, (count, place) in enumerate(zip(SIZES, PLACES, strict=True)):
-        points = due[int(place * plan.todo) :][:count]
-        if not len(points) or spent > SECONDS:
-            break
-        result = plan.task.compute(plan.manifest.grid.points(points))
-        taken = float(result.wall_time.sum())
-        spent += taken if number else 0.0
-        if (number or plan.todo == 1) and len(result.failures) < len(result):
-            # The last batch is the largest, and closest to those of a run.
-            seconds = taken / len(points) * plan.todo
-    return seconds
+    copied = None if first is None else first[own].reshape(shape)
+    chosen = np.zeros(len(values), dtype=bool)
+    levels, lattice = refinement.levels, (values[own].reshape(shape), known.reshape(shape))
+    chosen[own] = choose(*lattice, levels, refinement, copied).points.ravel()
+    return chosen

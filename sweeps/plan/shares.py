@@ -12,12 +12,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from sweeps.errors import InputError, MissingFileError
-from sweeps.grid import PENDING, Grid
+from sweeps.grid import PENDING
 from sweeps.plan.planning import PlanData
 from sweeps.storage.assemble import Table
 from sweeps.storage.existing import existing
-from sweeps.storage.parts import Manifest, PartSource
-from sweeps.storage.shares import Share, shares_of
+from sweeps.storage.parts import PartSource
 from sweeps.storage.store import Store
 
 Planned = TypeVar("Planned", bound=PlanData)
@@ -25,8 +24,7 @@ Planned = TypeVar("Planned", bound=PlanData)
 
 def computations(plan: PlanData) -> NDArray[np.intp]:
     """The requested computations in the order of the sweep's own grid, whatever the file has besides."""
-    shape, first = plan.manifest.grid.shape, plan.manifest.representative
-    points = np.arange(plan.manifest.grid.size).reshape(shape)[plan.alignment.index].ravel()
+    points, first = plan.alignment(), plan.manifest.representative
     points = points[plan.requested[points]]
     return points if first is None else np.asarray(pd.unique(first[points]))
 
@@ -42,11 +40,8 @@ def share_of(plan: Planned, number: int, count: int) -> Planned:
         raise InputError("share: a refined sweep has none, for its results decide what is computed; run it whole")
     if plan.manifest.fresh or plan.adoption is not None:
         raise InputError("share: only a whole run starts over or adopts; choose another folder for the shares")
-    mine, store, manifest = (
-        computations(plan)[number - 1 :: count],
-        Share(plan.store, number, count),
-        plan.manifest,
-    )
+    mine, manifest = computations(plan)[number - 1 :: count], plan.manifest
+    store = Store(plan.store, (int(number), int(count)))
     due = np.zeros_like(plan.due)
     due[mine] = plan.due[mine]
     todo = int(np.count_nonzero(due))
@@ -63,15 +58,11 @@ def share_of(plan: Planned, number: int, count: int) -> Planned:
         cached=len(mine) - todo,
         failed=0,
         seconds=plan.seconds * todo / max(plan.todo, 1),
-        manifest=replace(manifest, token=token, earlier=_tokens(manifest) if parts else {}),
+        manifest=replace(manifest, token=token, earlier=manifest.grids if parts else {}),
         version=(*plan.version, *(each.name for each in parts if each.folder == store.parts)),
         whole=False,
         shared=(number, count),
     )
-
-
-def _tokens(manifest: Manifest) -> dict[str, Grid]:
-    return {**manifest.earlier, manifest.token: manifest.grid}
 
 
 def merged(plan: Planned, files: Sequence[str | Path]) -> tuple[Planned, str]:
@@ -80,20 +71,20 @@ def merged(plan: Planned, files: Sequence[str | Path]) -> tuple[Planned, str]:
         raise InputError("merge: it needs a store, which is the file that the shares become")
     stores, sources, tokens = [Store(plan.store)], [*plan.sources], dict(plan.manifest.earlier)
     for store in (each for each in map(Store, files) if each.file != plan.store):
-        for place in (store, *shares_of(store)):
+        for place in (store, *store.shares()):
             if place.is_locked():
                 raise place.locked_error()
         there = existing(store, plan.sweep.name, json.loads(plan.manifest.attributes["fingerprint"]))
         stores, sources = [*stores, store], sources + (there.sources if there else [])
-        tokens |= _tokens(there.manifest) if there and there.manifest else {}
-    shares = {(each.count, each.number) for store in stores for each in shares_of(store)}
+        tokens |= there.manifest.grids if there and there.manifest else {}
+    shares = {each.share for store in stores for each in store.shares() if each.share}
     if not sources:
         raise MissingFileError(f"{plan.store}: no share of it has computed anything yet")
     manifest = replace(plan.manifest, earlier=tokens)
     table, every = Table(manifest, sources), computations(plan)
     pending = table.status[every] == PENDING
     texts = list[str]()
-    for count in sorted({count for count, _ in shares}):
+    for count in sorted({count for _, count in shares}):
         numbers = [str(number) for number in range(1, count + 1) if pending[number - 1 :: count].any()]
         texts.append(f"{', '.join(numbers)} of {count}")
     what = f"missing shares: {'; '.join(texts)}" if texts else "it does not say which shares are missing"

@@ -23,7 +23,6 @@ from sweeps.refine.lattice import Choice, choose, coarse, predict
 Declared = TypeVar("Declared", bound=Declaration)
 Derive = Callable[[xr.Dataset], xr.Dataset] | None
 Copied = tuple[Callable[[dict[str, Any]], Any], Sequence[str]] | None  # a sweep's key and the names of its axes
-CONFIDENCE = 0.95  # with which the share of wrong points is at most `upper_share`
 
 
 def refined(sweep: Declared, refinement: Refinement) -> Declared:
@@ -33,7 +32,7 @@ def refined(sweep: Declared, refinement: Refinement) -> Declared:
         raise InputError(f"{who}: levels = {levels!r}: it must be an integer, 0 or above")
     if tolerance is not None and not tolerance > 0.0:
         raise InputError(f"{who}: tolerance = {tolerance!r}: it must be above 0")
-    decide = {name: each for name, each in sweep.variables.items() if each.dtype not in ("complex128", "str")}
+    decide = {name: each for name, each in sweep.variables.items() if each.dtype != "str"}
     numbers = [name for name, each in decide.items() if not each.dims]
     if refinement.variable not in numbers:
         raise InputError(f"{who}: variable = {refinement.variable!r}: it must be one of {', '.join(numbers)}")
@@ -95,56 +94,11 @@ def filled(dataset: xr.Dataset, *, refinement: Refinement, then: Derive, copied:
     return dataset if then is None else then(dataset)
 
 
-def report(dataset: xr.Dataset) -> list[str]:
-    """How far the interpolated points of a refined sweep's dataset can be trusted, in up to three sentences."""
-    if "refinement" not in dataset.attrs:
-        return []
-    errors, lines = json.loads(dataset.attrs["refinement"]), []
-    count, levels, tolerance = errors["interpolated"], errors["levels"], errors["tolerance"]
-    wrong = "in another class" if tolerance is None else f"off by more than {100.0 * tolerance:g} % of the range"
-    if count and errors["estimated_share"] is None:
-        lines.append(f"{count} points are interpolated; how many of them are {wrong} is not known.")
-    elif count:
-        share, upper, sure = map(_percent, (errors["estimated_share"], errors["upper_share"], CONFIDENCE))
-        estimate = f"An estimated {share} of them (at most {upper}, with {sure} confidence) are {wrong}"
-        control = f"as were {errors['missed']} of {errors['control']} control points"
-        lines.append(f"{count} points are interpolated. {estimate}, {control}.")
-    if levels:
-        counts = ", ".join(f"{each['mispredicted']} of {each['computed']}" for each in levels)
-        largest = ", ".join(_percent(each["largest"]) for each in levels)
-        ending = "" if tolerance is None else f"; largest errors {largest} of the range"
-        lines.append(f"Interpolation would have missed {counts} points computed on successive levels{ending}.")
-    if count := errors["exhausted"]:
-        within = ", ".join(f"{dim} {low:.4g} to {high:.4g}" for dim, (low, high) in errors["within"].items())
-        lines.append(f"The last level was still off at {count} points ({within}); a further one halves there.")
-    return lines
-
-
-def shares(levels: Sequence[dict[str, Any]]) -> tuple[float | None, float | None]:
-    """Estimate the share of wrong points among the interpolated ones, and bound it; None without control points.
-
-    Counts are weighted by the points that each control point represents, and the bound is that for a weighted sum
-    of counts (Fay and Feuer, Statistics in Medicine 16, 1997, 791-801).
-    """
-    from scipy.special import gammaincinv  # here, because it takes long and few commands refine
-
-    sampled = [each for each in levels if each["control"]]
-    if not sampled:
-        return None, None
-    total = sum(each["control"] * each["represents"] for each in sampled)
-    weights = [each["represents"] / total for each in sampled]
-    estimate = sum(each["missed"] * weight for each, weight in zip(sampled, weights, strict=True))
-    variance = sum(each["missed"] * weight**2 for each, weight in zip(sampled, weights, strict=True))
-    mean, variance = estimate + max(weights), variance + max(weights) ** 2
-    return estimate, min(1.0, float(gammaincinv(mean**2 / variance, CONFIDENCE)) * variance / mean)
-
-
 def _errors(dataset: xr.Dataset, refinement: Refinement, levels: int, choice: Choice) -> dict[str, Any]:
     """The attribute `refinement`.
 
     The `tolerance`, None for classes; the `levels` of the choice, none if unfinished, and their `largest` errors,
-    both in units of the range; the `estimated_share` of wrong points and its bound; the range `within` which
-    the `exhausted` ones lie, by dimension.
+    both in units of the range; the range `within` which the `exhausted` ones lie, by dimension.
     """
     status, values = dataset["status"], dataset[refinement.variable].values
     finite = values[np.isfinite(values)]
@@ -158,10 +112,5 @@ def _errors(dataset: xr.Dataset, refinement: Refinement, levels: int, choice: Ch
         "interpolated": int(np.count_nonzero(status.values == grid.INTERPOLATED)),
     }
     record |= {name: sum(each[name] for each in measured) for name in ("control", "missed")}
-    record |= zip(("estimated_share", "upper_share"), shares(measured), strict=True)
     within = {str(dim): [dataset[dim].values[end].item() for end in both] for dim, *both in ends}
     return record | {"exhausted": len(places), "within": within}
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %" if share >= 0.1 else f"{100.0 * share:.2g} %"

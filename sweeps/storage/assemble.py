@@ -15,8 +15,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sweeps.errors import HINT_MOVE, UNREADABLE, DamagedError, InputError, StoreError
-from sweeps.grid import DONE, FAILED, PENDING, REAL, SKIPPED, Axis, Grid, Variable, block_shape, flag_attributes
+from sweeps.errors import DAMAGED, HINT_MOVE, UNREADABLE, DamagedError, StoreError
+from sweeps.grid import DONE, FAILED, PENDING, SKIPPED, Axis, Grid, Variable, block_shape, flag_attributes
 from sweeps.storage.parts import BatchResult, Coverage, Failure, Manifest, PartSource
 from sweeps.storage.store import check_trailer, is_held
 
@@ -26,24 +26,24 @@ LARGE = 32_000_000
 ERROR_CHARACTERS, LEAST_CHARACTERS = 30_000_000, 60
 # Number of failures whose tracebacks are stored.
 MOST_TRACEBACKS = 1000
-DAMAGED = f"is damaged or not netCDF; {HINT_MOVE}"
 
 Indices = NDArray[np.signedinteger[Any]]
 
 
 def open_netcdf(path: Path, **options: Any) -> xr.Dataset:
-    """Open a netCDF file, of which no variable is a date; an InputError says what is wrong with it."""
+    """Open a netCDF file, of which no variable is a date; a StoreError says what is wrong with it."""
     if not path.is_file():
-        raise InputError(f"is not a regular file; {HINT_MOVE}")
+        raise StoreError(f"{path} is not a regular file; {HINT_MOVE}")
     try:
         return xr.open_dataset(path, engine="netcdf4", decode_times=False, **options)
     except PermissionError:
-        raise InputError("cannot be read: permission is missing, or another program has it open") from None
+        what = "cannot be read: permission is missing, or another program has it open"
     except (AttributeError, *UNREADABLE):  # the netCDF library raises AttributeError, too
-        if (held := is_held(path)) is None:
-            raise InputError("cannot be locked, as HDF5 wants to; set HDF5_USE_FILE_LOCKING=FALSE") from None
+        held = is_held(path)
         what = "is locked or open in another program; close it there" if held else DAMAGED
-        raise InputError(what) from None
+        if held is None:
+            what = "cannot be locked, as HDF5 wants to; set HDF5_USE_FILE_LOCKING=FALSE"
+    raise StoreError(f"{path} {what}")
 
 
 def present(variable: xr.Variable) -> NDArray[Any]:
@@ -92,8 +92,8 @@ class FileSource:
     def _values(self, name: str, box: Any = ...) -> NDArray[Any]:
         try:
             return present(self.data[name].variable[box])
-        except InputError as problem:
-            raise StoreError(f"{self.path} {problem}") from None
+        except StoreError:
+            raise
         except UNREADABLE:
             raise StoreError(f"{self.path} {DAMAGED}") from None
 
@@ -160,6 +160,10 @@ class Table:
         # A result of a point that was not skipped earlier stays.
         skipped = ~inside & (self.status != DONE)
         self.status[skipped], self.source[skipped] = SKIPPED, -1
+
+    def without(self, part: str) -> list[Source]:
+        """The sources that remain without the damaged ones and another part that turned out to be damaged."""
+        return [source for source in self.sources if source.name not in (*self.damaged, part)]
 
     def values(self, name: str, points: slice) -> NDArray[Any]:
         """Values of a variable, or `wall_time`, at a range of points."""
@@ -316,17 +320,11 @@ def attributes(described: Axis | Variable, name: str) -> dict[str, Any]:
 
 
 def restore_types(data: xr.Dataset) -> xr.Dataset:
-    """Replace the representation of complex, bool and text variables in a file by variables of these types."""
+    """Replace the representation of bool and text variables in a file by variables of these types."""
     error = data["error"]
     if error.dtype.kind == "S":
         texts = np.char.decode(error.values, "utf-8")
         data = data.assign(error=(error.dims, texts, {"long_name": error.attrs["long_name"]}))
-    for name in [str(each).removesuffix("_real") for each in data.data_vars if str(each).endswith("_real")]:
-        real, imaginary = data[f"{name}_real"], data.get(f"{name}_imag")
-        long_name = str(real.attrs.get("long_name", ""))
-        if imaginary is not None and long_name.startswith(REAL):
-            whole = (real + 1j * imaginary).assign_attrs(real.attrs | {"long_name": long_name.removeprefix(REAL)})
-            data = data.drop_vars([f"{name}_real", f"{name}_imag"]).assign({name: whole})
     for own, each in data.data_vars.items():
         if each.attrs.get("flag_meanings") == "false true" and bool((data["status"] == DONE).all()):
             rest = {k: v for k, v in each.attrs.items() if not k.startswith("flag_")}

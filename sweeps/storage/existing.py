@@ -1,6 +1,7 @@
 """The results that a store has, finished or not: runs resume them (`existing`), readers open them."""
 
 import json
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
@@ -14,19 +15,9 @@ from sweeps import errors
 from sweeps.errors import UNREADABLE, DamagedError, InputError, MissingFileError, StoreError, message
 from sweeps.fingerprint.identity import differences
 from sweeps.grid import Axis, Grid, axis_values
-from sweeps.storage.assemble import (
-    DAMAGED,
-    FileSource,
-    Source,
-    Table,
-    assemble,
-    open_netcdf,
-    present,
-    restore_types,
-)
+from sweeps.storage.assemble import FileSource, Source, Table, assemble, open_netcdf, present, restore_types
 from sweeps.storage.netcdf import described
 from sweeps.storage.parts import Manifest, PartSource
-from sweeps.storage.shares import shares_of
 from sweeps.storage.store import Store, check_trailer, signature
 
 # A file up to this size is read at once, so that it can be replaced meanwhile.
@@ -66,22 +57,20 @@ def unfinished(store: Store) -> Manifest | None:
 
 def _manifests(store: Store) -> list[tuple[Store, Manifest]]:
     """The manifests of a run and of the shares beside its file."""
-    loaded = [(each, Manifest.load(each)) for each in (store, *shares_of(store))]
+    loaded = [(each, Manifest.load(each)) for each in (store, *store.shares())]
     return [(each, manifest) for each, manifest in loaded if manifest is not None]
 
 
 def _combined(manifests: Sequence[tuple[Store, Manifest]]) -> Manifest:
     """The first manifest, which knows the parts of all."""
-    earlier = dict[str, Grid]()
-    for _, each in manifests:
-        earlier |= {**each.earlier, each.token: each.grid}
+    earlier = reduce(operator.or_, [each.grids for _, each in manifests])
     return replace(manifests[0][1], earlier=earlier)
 
 
 def check_replaceable(store: Store, name: str) -> None:
     """Refuse to start over where that would destroy the results of anything but the sweep `name`."""
     if store.file.exists():
-        with _open(store) as data:
+        with open_netcdf(store.file, cache=False) as data:
             _check_name(store.file, data.attrs.get("sweep"), name)
     try:
         _check_name(store.parts, getattr(Manifest.load(store), "name", name), name)
@@ -93,7 +82,7 @@ def check_replaceable(store: Store, name: str) -> None:
 
 def sources_of(store: Store, manifest: Manifest, *, strict: bool = False) -> list[Source]:
     """The sources of a manifest's points; a finished file that is unusable is left out unless `strict`."""
-    places = (store, *shares_of(store))
+    places = (store, *store.shares())
     parts: list[Source] = [PartSource(each.parts, name) for each in places for name in each.part_names()]
     if not manifest.fresh and store.file.exists():
         try:
@@ -115,7 +104,7 @@ def _check_name(place: Path, owner: str | None, name: str) -> None:
 def _finished(store: Store, name: str, fingerprint: dict[str, Any], *, code: bool = True) -> Existing:
     """A finished file."""
     path = store.file
-    with _open(store) as data:
+    with open_netcdf(store.file, cache=False) as data:
         _check_name(path, data.attrs.get("sweep"), name)
         _check_same(path, data.attrs, fingerprint, code=code)
         try:
@@ -129,13 +118,6 @@ def _finished(store: Store, name: str, fingerprint: dict[str, Any], *, code: boo
         except UNREADABLE as problem:
             raise StoreError(f"{path} is damaged: {problem}; {errors.HINT_MOVE}") from None
     return Existing(grid, [FileSource(path, grid, environments)], data.attrs)
-
-
-def _open(store: Store) -> xr.Dataset:
-    try:
-        return open_netcdf(store.file, cache=False)
-    except InputError as problem:
-        raise StoreError(f"{store.file} {problem}") from None
 
 
 def _check_same(
@@ -164,19 +146,19 @@ def open_results(path: str | Path) -> xr.Dataset:
 def opened(path: str | Path, *, load: bool = True) -> xr.Dataset:
     """The same with the variables as the file represents them; without `load` only its status is read."""
     store = Store(path)
-    if _has_parts(store):
+    if store.is_unfinished():
         try:
             return _opened_parts(store)
         except (StoreError, InputError) as problem:
             # Unless the run has finished meanwhile.
-            if _has_parts(store) and not store.file.exists():
+            if store.is_unfinished() and not store.file.exists():
                 raise InputError(str(problem)) from None
     if not store.file.exists():
         raise MissingFileError(f"{path}: there is no such file")
     try:
         data = open_netcdf(store.file)
-    except InputError as problem:
-        raise InputError(f"{path}: it {problem}") from None
+    except StoreError as problem:
+        raise InputError(str(problem).replace(str(store.file), str(path))) from None
     try:
         configuration = json.loads(str(data.attrs.get("configuration", "{}")))
         for key, kind in (("name", str), ("axes", dict), ("constants", dict)):
@@ -203,7 +185,7 @@ def _loaded(data: xr.Dataset, path: Path, axes: Sequence[str]) -> xr.Dataset:
     except StoreError as problem:
         raise InputError(str(problem)) from None
     except UNREADABLE:
-        raise InputError(f"{path}: it {DAMAGED}") from None
+        raise InputError(f"{path} {errors.DAMAGED}") from None
     finally:
         if at_once or not axes:
             data.close()
@@ -211,10 +193,6 @@ def _loaded(data: xr.Dataset, path: Path, axes: Sequence[str]) -> xr.Dataset:
     names = [name for axis in axes for name in (axis, f"failure_{axis}") if name in data]
     single = [name for name in names if data[name].dtype == np.float32]
     return data.assign({n: (data[n].dims, axis_values(data[n].values), data[n].attrs) for n in single})
-
-
-def _has_parts(store: Store) -> bool:
-    return any(each.manifest.is_file() for each in (store, *shares_of(store)))
 
 
 def _opened_parts(store: Store) -> xr.Dataset:
@@ -228,10 +206,8 @@ def _opened_parts(store: Store) -> xr.Dataset:
         try:
             data = described(manifest, assemble(table, lazy=True), None)
         except DamagedError as problem:
-            table = Table(
-                manifest, [each for each in table.sources if each.name not in (*table.damaged, problem.part)]
-            )
+            table = Table(manifest, table.without(problem.part))
     # A new file may be there while the parts still are, with its points at other places than the old one.
-    if not _has_parts(store) or signature(store.file) != before:
+    if not store.is_unfinished() or signature(store.file) != before:
         raise StoreError(f"{store.file} was finished while its parts were read")
     return data

@@ -9,7 +9,7 @@ import json
 import os
 import threading
 import zipfile
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 from io import BytesIO
@@ -117,10 +117,17 @@ class BatchResult:
 
 
 class PartWriter:
-    """Names and writes the parts of one run, after the part `last` of earlier runs."""
+    """Names and writes the parts of one run while it `goes_on`, after the part `last` of earlier runs."""
 
-    def __init__(self, folder: Path, variables: Mapping[str, Variable], token: str, last: str = "") -> None:
-        self.folder, self.variables, self.token = folder, variables, token
+    def __init__(
+        self,
+        folder: Path,
+        variables: Mapping[str, Variable],
+        token: str,
+        last: str = "",
+        goes_on: Callable[[], bool] = lambda: True,
+    ) -> None:
+        self.folder, self.variables, self.token, self._goes_on = folder, variables, token, goes_on
         self._run = uuid4().hex[:8]
         self._last = int(last.partition("-")[0] or 0)
         self._closed = False
@@ -150,7 +157,7 @@ class PartWriter:
 
     def _rename(self, temporary: Path, path: Path) -> None:
         with self._lock:
-            if not self._closed:
+            if not self._closed and self._goes_on():
                 os.replace(temporary, path)
 
     def close(self) -> None:
@@ -180,10 +187,15 @@ class Manifest:
     token: str = field(default_factory=lambda: uuid4().hex[:12])
     earlier: Mapping[str, Grid] = field(default_factory=dict)
 
+    @property
+    def grids(self) -> dict[str, Grid]:
+        """The grid and earlier ones, by token."""
+        return {**self.earlier, self.token: self.grid}
+
     @cached_property
     def alignments(self) -> dict[str, Alignment]:
-        """Positions of the points of this and earlier grids in this grid, by token."""
-        return {token: self.grid.align(grid) for token, grid in {**self.earlier, self.token: self.grid}.items()}
+        """Positions of the points of `grids` in this grid, by token."""
+        return {token: self.grid.align(grid) for token, grid in self.grids.items()}
 
     def variable(self, name: str) -> Variable:
         """One of the variables, or of those that every file has."""
@@ -199,14 +211,13 @@ class Manifest:
 
     def save(self, store: Store) -> None:
         """Write the manifest and its copy."""
-        grids = {self.token: self.grid, **self.earlier}
+        grids, axes = self.grids, {"axes": self.grid.axes, "coords": self.coords}
         header = {
             "format": FORMAT,
             **{name: getattr(self, name) for name in ("name", "title", "token", "fresh")},
             "attributes": dict(self.attributes),
             "groups": {token: grid.groups for token, grid in grids.items()},
-            "axes": {name: [axis.units, axis.long_name] for name, axis in self.grid.axes.items()},
-            "coords": {name: [axis.units, axis.long_name] for name, axis in self.coords.items()},
+            **{what: {n: [axis.units, axis.long_name] for n, axis in each.items()} for what, each in axes.items()},
             "variables": {name: asdict(variable) for name, variable in self.variables.items()},
             "factors": list(self.factors),
         }

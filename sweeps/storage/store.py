@@ -6,10 +6,11 @@ STUDY.nc.parts/     during a run, and after it was interrupted:
     000001-….part       one finished batch each
     progress.json       owner and progress of the run
 .STUDY.nc.lock      locked by the run; the empty file stays
+
+A share, which a job of its own computes, has its parts in STUDY.nc.3-of-16.parts/ and its lock likewise.
 """
 
 import errno
-import glob
 import json
 import os
 import re
@@ -123,24 +124,34 @@ def signature(path: Path) -> tuple[int, ...]:
 
 
 class Store:
-    """The paths of one sweep; nothing is created before a run needs it."""
+    """The paths of one sweep, or of its share K of N, (K, N); nothing is created before a run needs it."""
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, share: tuple[int, int] | None = None) -> None:
         try:
             self.file = Path(os.path.abspath(Path(path).expanduser()))
         except RuntimeError as problem:  # of a path that begins with ~
             raise InputError(f"{path}: {str(problem).rstrip('.')}; write it without ~") from None
         if not self.file.name:
             raise InputError(f"{path}: it is the root of all folders, and no file")
-        self.parts = self.file.with_name(f"{self.file.name}.parts")
-        self.lock = self.file.with_name(f".{self.file.name}.lock")
-        self.manifest = self.parts / "manifest"
-        self.progress = self.parts / "progress.json"
+        self.share, name = share, self.file.name + ("" if share is None else ".{}-of-{}".format(*share))
+        self.parts, self.lock = self.file.with_name(f"{name}.parts"), self.file.with_name(f".{name}.lock")
+        self.manifest, self.progress = self.parts / "manifest", self.parts / "progress.json"
+
+    def shares(self) -> "list[Store]":
+        """The shares that lie beside the file, by number."""
+        name, names = re.compile(rf"{re.escape(self.file.name)}\.(\d+)-of-(\d+)\.parts"), list[str]()
+        with suppress(OSError):
+            names = os.listdir(self.file.parent)
+        numbers = sorted((int(found[2]), int(found[1])) for found in map(name.fullmatch, names) if found)
+        return [Store(self.file, (number, count)) for count, number in numbers]
 
     def exists(self) -> bool:
         """Whether there is a result, finished or not."""
-        shares = self.file.parent.glob(f"{glob.escape(self.file.name)}.*-of-*.parts/manifest")
-        return self.file.exists() or self.manifest.exists() or any(shares)
+        return self.file.exists() or self.is_unfinished()
+
+    def is_unfinished(self) -> bool:
+        """Whether a run, or shares, have parts."""
+        return any(each.manifest.is_file() for each in (self, *self.shares()))
 
     def part_names(self) -> list[str]:
         """Names of the parts, in the order in which their batches were submitted."""
@@ -153,7 +164,9 @@ class Store:
         return sorted(names, key=lambda name: int(name.partition("-")[0]))
 
     def version(self) -> tuple[Any, ...]:
-        """A value that changes whenever another run has written here."""
+        """A value that changes whenever another run has written here; of a share, not by other shares."""
+        if self.share is not None:
+            return (*Store(self.file).version(), *self.part_names())
         return (*self.part_names(), *signature(self.file), *signature(self.manifest))
 
     def check_place(self, name: str) -> None:
@@ -197,9 +210,20 @@ class Store:
         if not self._foreign():
             shutil.rmtree(self.parts, ignore_errors=True)
 
+    def clear_all(self) -> None:
+        """Remove the parts of this locked store and of its shares."""
+        self.clear()
+        for share in self.shares():
+            share.clear()
+            with suppress(OSError):
+                share.lock.unlink(missing_ok=True)
+
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the lock, which the operating system releases if this process dies."""
+        """Hold the lock, which the operating system releases if this process dies.
+
+        A whole run waits for no share that computes, nor a share for a whole run: the other one is a LockedError.
+        """
         try:
             self._check_parts()
             self.file.parent.mkdir(parents=True, exist_ok=True)
@@ -213,6 +237,13 @@ class Store:
             with suppress(OSError):  # the owner is for a message only, which a full disk may prevent
                 self.parts.mkdir(exist_ok=True)
             write_state(self.progress, owner())
+            for other in self.shares() if self.share is None else [Store(self.file)]:
+                # Others test locks too, and hold them for a moment.
+                until = time.monotonic() + LOCK_TIMEOUT
+                while other.is_locked():
+                    if time.monotonic() > until:
+                        raise other.locked_error()
+                    time.sleep(0.1 * LOCK_TIMEOUT)
             yield
         finally:
             if not self.manifest.exists():

@@ -62,7 +62,7 @@ WRONG = [
     ("query fig5", "has no result; compute it with: fiv run fig5"),
     ("plot fig5 --out there", "compute it with: fiv run fig5 --out there"),
     ("query regmes", "no result 'regmes'; did you mean regimes?"),
-    *((f"{name} text.nc", "text.nc: it is damaged or not netCDF") for name in ("plot", "query", "status")),
+    *((f"{name} text.nc", "text.nc is damaged or not netCDF") for name in ("plot", "query", "status")),
     ("run raising.py", "raising.py: it cannot be loaded: RuntimeError: mine"),
     ("plan fig5 --out ~nobody-of-this-name/place", "~nobody-of-this-name has no home folder"),
     ("plan fig5 --out \udcff", "it is no text in this system's encoding"),

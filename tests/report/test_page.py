@@ -112,7 +112,7 @@ def test_what_fails_is_printed_and_on_the_page(written):
     for what in (
         "o figure: ZeroDivisionError: ",
         "o summary: KeyError: 'a typo' (test_page.py",
-        "bad.nc: it is dam",
+        "bad.nc is dam",
     ):
         assert [sum(what in line for line in lines) for lines in (told, texts["p"])] == [1, 1]
     assert f"It is {MARKUP}." in texts["p"]  # what came before the error stays
@@ -330,7 +330,7 @@ def test_refusals(folder, tmp_path):
         with pytest.raises(InputError, match=f"{out.name}: the folder {what}; begin with: fiv run fig5 --out"):
             page.write((), out, None, pytest.fail)
     assert [each.name for each in tmp_path.iterdir()] == ["bad"]
-    for target, told in (("fig55", "no result 'fig55'"), (str(folder / "bad" / "bad.nc"), "it is damaged")):
+    for target, told in (("fig55", "no result 'fig55'"), (str(folder / "bad" / "bad.nc"), "is damaged")):
         with pytest.raises(InputError, match=told):
             page.write((target,), folder, None, [].append)
 

@@ -160,17 +160,15 @@ def test_a_file_is_the_request_that_it_writes(tmp_path):
     file = tmp_path / "run.toml"
     file.write_text(
         'study = "scenes"\nrecord = ["velocity_B"]\nsample_rate = 20_000\nsamples = 8\nseed = 3\n'
-        'sampling = "latin"\npoints = {F = [9, 18]}\nset = {V = "2mm/s", mu = [0.1, 0.3]}\n'
+        'points = {F = [9, 18]}\nset = {V = "2mm/s", mu = [0.1, 0.3]}\n'
         '[scatter]\ntheta = "normal:5:1"\n'
     )
     found = request.read(file)
     assert found.values == {"V": "2mm/s", "mu": [0.1, 0.3], "theta": "normal:5:1"}
     assert (found.study, found.record, found.sample_rate) == ("scenes", ("velocity_B",), 20_000)
-    assert (found.samples, found.seed, found.sampling) == (8, 3, "latin")
+    assert (found.samples, found.seed) == (8, 3)
     assert found.points == {"F": [9, 18]}
-    assert found.stored() == {
-        "record": ["velocity_B"], "scatter": {"theta": "normal:5:1"}, "seed": 3, "sampling": "latin",
-    }  # fmt: skip
+    assert found.stored() == {"record": ["velocity_B"], "scatter": {"theta": "normal:5:1"}, "seed": 3}
 
 
 @pytest.mark.parametrize(("rate", "found"), [(2e4, 2e4), ("20kHz", 2e4), ("2e4", 2e4)])

@@ -9,9 +9,10 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sweeps import open_results, refinement_report, status
+from studies.cli.execution import timed
+from studies.refinement import report, shares
+from sweeps import open_results, status
 from sweeps.refine import lattice
-from sweeps.refine.refine import shares
 from tests.helpers.boundaries import CLASSES, ROUGH, SHAPES, SMOOTH, Rule, X, Y, bumps, explored, noise, refine
 from tests.helpers.waves import BROKEN, LOG, SHOWN, cliff, hills, interrupted, truth_of
 
@@ -142,20 +143,20 @@ def test_a_file_records_how_wrong_its_interpolated_points_are(path):
     assert 81 + first["computed"] + last["computed"] == computed.sum() == computed.size - record["interpolated"]
     assert record["control"] == first["control"] + last["control"] > 20
     wrong = np.mean(np.abs(data["height"].values - cliff(data)["height"].values)[~computed] > 0.04)
-    assert wrong == pytest.approx(record["estimated_share"], abs=0.03)
-    assert wrong < record["upper_share"] < 0.2
+    assert wrong == pytest.approx(shares(record["levels"])[0], abs=0.03)
+    assert wrong < shares(record["levels"])[1] < 0.2
     # The cliff is too steep for the finest level, and nothing else is.
     assert record["exhausted"] == last["mispredicted"] > 30
     assert record["within"]["y"] == [-1.0, 1.0]
     assert -0.5 < record["within"]["x"][0] < record["within"]["x"][1] < 0.5
-    share, levels, end = refinement_report(data)
+    share, levels, end = report(data)
     assert share.startswith(f"{record['interpolated']} points are interpolated. An estimated ")
     assert f" {first['mispredicted']} of {first['computed']}, " in levels
     assert f" {record['exhausted']} points (x -0." in end
-    unknown = json.dumps(record | {"levels": [], "estimated_share": None, "exhausted": 0})
-    assert "is not known" in "".join(refinement_report(data.assign_attrs(refinement=unknown)))
-    assert "in another class" in refinement_report(refine(hills(), path.with_name("kind.nc"), "sync"))[0]
-    assert refinement_report(refine(hills(9, 0), path.with_name("full.nc"), "sync")) == []
+    unknown = json.dumps(record | {"levels": [], "exhausted": 0})
+    assert "is not known" in "".join(report(data.assign_attrs(refinement=unknown)))
+    assert "in another class" in report(refine(hills(), path.with_name("kind.nc"), "sync"))[0]
+    assert report(refine(hills(9, 0), path.with_name("full.nc"), "sync")) == []
 
 
 def test_killed_anywhere_it_goes_on(path, tmp_path, small_pieces):
@@ -231,7 +232,7 @@ def test_more_points_than_fit_into_memory_are_refused(tmp_path, monkeypatch):
 
 
 def test_a_plan_is_its_first_pass_and_a_run_in_memory_goes_through_all(tmp_path):
-    plan = hills().plan().timed()
+    plan = timed(hills().plan())
     assert (plan.points, plan.requested_count, plan.todo) == (289, 25, 25)
     assert "refined         to 25 points (8.65 %) so far" in repr(plan)
     assert plan.most_seconds == pytest.approx(plan.seconds / 25 * 289)

@@ -21,25 +21,23 @@ KINDS = {
 }
 
 
-def sweep(count, method="sobol", seed=0, distributions=FLAT):
-    return waves.sweep(Sample(distributions, count, method, seed))
+def sweep(count, seed=0, distributions=FLAT):
+    return waves.sweep(Sample(distributions, count, seed=seed))
 
 
 def rows(grid):
     return np.column_stack([axis.values for axis in grid.axes.values()])
 
 
-@pytest.mark.parametrize("method", ["sobol", "random"])
-def test_a_longer_sample_begins_with_the_shorter(method):
-    whole = rows(Sample(KINDS, 300, method, 7))
+def test_a_longer_sample_begins_with_the_shorter():
+    whole = rows(Sample(KINDS, 300, seed=7))
     for count in (1, 5, 64, 100):
-        np.testing.assert_array_equal(rows(Sample(KINDS, count, method, 7)), whole[:count])
-    assert not np.array_equal(rows(Sample(KINDS, 300, method, 8)), whole)
+        np.testing.assert_array_equal(rows(Sample(KINDS, count, seed=7)), whole[:count])
+    assert not np.array_equal(rows(Sample(KINDS, 300, seed=8)), whole)
 
 
-@pytest.mark.parametrize(("method", "close"), [("sobol", 2e-3), ("latin", 1e-3), ("random", 3e-2)])
-def test_draws_follow_their_distributions_independently(method, close):
-    axes = Sample(KINDS, 4096, method, 3).axes
+def test_draws_follow_their_distributions_independently():
+    axes, close = Sample(KINDS, 4096, seed=3).axes, 2e-3
     for name, each in KINDS.items():
         values = axes[name].values
         assert stats.kstest(values, each.cdf).statistic < close
@@ -49,30 +47,20 @@ def test_draws_follow_their_distributions_independently(method, close):
     assert np.abs(together - np.eye(len(KINDS))).max() < 0.05
 
 
-def test_a_latin_hypercube_has_one_draw_in_each_layer_and_does_not_grow(path):
-    values = Sample({"x": stats.uniform(0.0, 1.0)}, 50, "latin").axes["x"].values
-    assert sorted((50.0 * values).astype(int)) == [*range(50)]
-    sweep(8, "latin").plan(path).run("sync")
-    assert sweep(8, "latin").plan(path).todo == 0
-    with pytest.raises(StoreError, match='"latin, seed 0, 8 of them" there, "latin, seed 0, 9 of them" here'):
-        sweep(9, "latin").plan(path)
-
-
 def test_draws_have_only_the_digits_on_which_processors_agree():
     values = Sample(KINDS, 64).axes["normal"].values
     assert [float(f"{value:.12g}") for value in values] == values.tolist()
 
 
 @pytest.mark.usefixtures("small_pieces")
-@pytest.mark.parametrize("method", ["sobol", "random"])
-def test_only_new_draws_are_computed(path, method):
-    sweep(8, method).plan(path).run("sync")
-    interrupted(sweep(12, method).plan(path), 2)
-    whole = sweep(20, method).plan(path).run("sync")
-    part = sweep(5, method).plan(path).run("sync")
+def test_only_new_draws_are_computed(path):
+    sweep(8).plan(path).run("sync")
+    interrupted(sweep(12).plan(path), 2)
+    whole = sweep(20).plan(path).run("sync")
+    part = sweep(5).plan(path).run("sync")
     assert len(LOG) == len(set(LOG)) == 20
     xr.testing.assert_identical(part["root"], whole["root"][:5])
-    at_once = sweep(20, method).plan().run("sync")
+    at_once = sweep(20).plan().run("sync")
     for name in ("sample", "x", "y", "root", "row"):
         np.testing.assert_array_equal(whole[name], at_once[name])
 
@@ -123,7 +111,7 @@ def test_draws_are_coordinates_with_units_and_may_be_combined_with_axes(path):
         (({"x": 3.0}, 4), r"x = 3.0: it must be a distribution, like scipy.stats.norm\(0, 1\)"),
         ((FLAT, 0), "count = 0: it must be "),
         ((FLAT, True), "count = True"),
-        ((FLAT, 4, "halton"), "method = 'halton': it must be one of sobol, latin, random"),
+        ((FLAT, 4, "latin"), "method = 'latin': it must be 'sobol'"),
         ((FLAT, 4, "sobol", -1), "seed = -1: it must be "),
         (({"sample": stats.norm()}, 4), "sample is the number of the draw"),
         (({"x": stats.norm(np.nan, 1.0)}, 4), "x = .*: it gives a draw that is not finite"),

@@ -166,7 +166,7 @@ sweeps.Sweep("halves", sweeps.pointwise(lambda t: 0.5 * t), {{"t": [0.0, 1.0]}},
 
 
 def test_progress_is_a_line_that_changes_on_a_terminal_and_lines_elsewhere(monkeypatch, capsys):
-    monkeypatch.setattr(run, "INTERVAL", 0.0)
+    monkeypatch.setattr(run, "LINE_INTERVAL", 0.0)
     make(points=20).plan().run("sync", progress=True)
     lines = capsys.readouterr().err.splitlines()
     assert lines[-1] == "20 of 20 done, 1 failed"

@@ -16,7 +16,6 @@ from sweeps import (
     refined,
     status,
 )
-from sweeps.storage.shares import Share, shares_of
 from sweeps.storage.store import Store
 from tests.helpers import waves
 from tests.helpers.backends import assert_right, simple, visible
@@ -75,7 +74,7 @@ def test_a_share_that_is_killed_goes_on_and_a_whole_run_takes_what_shares_have_d
     log = tmp_path / "log"
     process = start(store=path, log=log, points=40, long=0.4, share=[2, 2])
     wait_for(process, "progress 6")
-    share = Share(path, 2, 2)
+    share = Store(path, (2, 2))
     for attempt in (lambda plan: plan.run(), lambda plan: plan.merge(), lambda plan: plan.share(2, 2).run()):
         with pytest.raises(LockedError, match=rf"is being written by process {process.pid} on"):
             attempt(make(points=40, log=log, long=0.4).plan(path))
@@ -106,7 +105,7 @@ def test_a_share_waits_for_no_whole_run(path):
 def test_a_damaged_part_of_a_share_is_computed_again_and_left_out_by_a_merger(path):
     for k in (1, 2):
         make(points=10).plan(path).share(k, 2).run()
-    share = Share(path, 2, 2)
+    share = Store(path, (2, 2))
     (share.parts / share.part_names()[0]).write_bytes(b"")
     plan = make(points=10).plan(path)
     assert plan.damaged == (share.part_names()[0],)
@@ -137,7 +136,7 @@ def test_shares_of_other_settings_are_refused_and_a_fresh_run_removes_them(path)
     with pytest.raises(StoreError, match=r"1-of-2\.parts has other results: pause = 0.0 there, 0.5 here"):
         make(points=4, pause=0.5).plan(path)
     waves.interrupted(make(points=8, log="/dev/null").plan(path, fresh=True), 2)
-    assert shares_of(Store(path)) == []
+    assert Store(path).shares() == []
     assert open_results(path).sizes["x"] == 8
 
 

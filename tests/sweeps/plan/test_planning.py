@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from studies.cli.execution import timed
 from sweeps import Grid, Sweep
 from sweeps.plan import batches
 from sweeps.plan.batches import BatchSizes, Queue
@@ -52,15 +53,15 @@ def test_planning_calls_no_function_and_timed_computes_few_points(path):
     plan = sweep(100).plan(path)
     assert CALLS == []
     assert "estimated time  unknown: there is no earlier run" in repr(plan)
-    timed = plan.timed()
+    measured = timed(plan)
     assert 0 < sum(CALLS) < 100
-    assert timed.seconds > 0.0
-    assert (timed.todo, timed.points) == (plan.todo, plan.points)
+    assert measured.seconds > 0.0
+    assert (measured.todo, measured.points) == (plan.todo, plan.points)
     CALLS.clear()
-    timed.run("sync")
+    measured.run("sync")
     assert sum(CALLS) == 100
-    assert sweep(100).plan(path).timed().seconds == 0.0
-    assert math.isnan(sweep(4, lambda points: 1 / 0).plan().timed().seconds)
+    assert timed(sweep(100).plan(path)).seconds == 0.0
+    assert math.isnan(timed(sweep(4, lambda points: 1 / 0).plan()).seconds)
 
 
 @pytest.mark.parametrize(

@@ -216,10 +216,10 @@ def test_names_and_derived_variables_may_change(path):
     [
         ("others.nc", "has the results of others; the results of waves need another path", ""),
         ("half.nc", "has the results of others; the results of waves need another path", ""),
-        ("text.nc", "is damaged or not netCDF", "it is damaged or not netCDF"),
+        ("text.nc", "is damaged or not netCDF", "is damaged or not netCDF"),
         ("plain.nc", "was not made by a sweep", "it is not the result of a sweep"),
         (f"{'long' * 100}/waves.nc", "cannot be used", ""),
-        (".", "is a folder", "it is not a regular file"),
+        (".", "is a folder", "is not a regular file"),
     ],
 )
 def test_files_of_others_are_refused_and_stay(tmp_path, name, said, read, fresh):
