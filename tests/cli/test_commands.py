@@ -27,9 +27,11 @@ def rows(done):
     return json.loads(done.stdout)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_run_prints_numbers_beside_the_papers_and_the_references(here, tmp_path):
-    (tmp_path / "results").mkdir()
-    shutil.copytree(HOME / "results" / "reference", "results/reference", ignore=shutil.ignore_patterns("*.png"))
+    for name in ("fig5", "scenes", "stick_time"):
+        shutil.copytree(HOME / "results" / "reference" / name, f"results/reference/{name}")
+    (tmp_path / "results" / "reference" / "rig.svg").touch()
     done = here("query", "fig5", "--limit", "1")
     assert "results/fig5 has no result; this is the reference" in done.stderr
     assert "--limit N prints fewer" not in done.stderr
@@ -179,7 +181,6 @@ def test_a_failed_point_of_a_predefined_study_comes_with_its_command(here, monke
 @pytest.mark.parametrize(
     "options",
     [
-        ("--set", "mu=0,0.1,0.2", "--set", "p1_length=60mm"),
         ("--scatter", "p1_length=normal:50:0.1mm", "--set", "mu=0.1,0.2", "--samples", "4", "--seed", "3"),
         ("--points", "points.csv"),
         ("--config", "run.toml"),

@@ -38,6 +38,9 @@ SMALL = {
 }
 
 
+LONG = ("accuracy", "stress", "classics", "basins", "stick_time", "robust", "hysteresis")
+
+
 @pytest.fixture(scope="module")
 def small():
     """Each study's small result, computed once, with the points and values of its batches."""
@@ -71,8 +74,8 @@ def test_a_point_has_the_same_bits_in_any_batch(name, small):
         for part in (0, 1)
     )
     count, rng = len(points[next(iter(points))]), np.random.default_rng(0)
-    # Those of every method take long.
-    for size in (1,) if name in ("accuracy", "stress") else (1, 7):
+    # Alone, and with another, where a point is no long motion.
+    for size in (1,) if name in LONG else (1, 3):
         chosen = np.sort(rng.choice(count, min(size, count), replace=False))
         with one_blas_thread():
             found = sweep.function({axis: column[chosen] for axis, column in points.items()}, **sweep.constants)
@@ -190,7 +193,7 @@ def test_the_reference_is_drawn_without_overlap(name):
 
 
 # Between them every kind of figure: lines and modes, series, a plane of regimes, distributions.
-VARIED = ("fig6", "contact", "regimes", "robust")
+VARIED = ("contact", "regimes")
 REQUESTS = [
     pytest.param(name, range(first, last), id=f"{name}-{first}", marks=[pytest.mark.slow] * slow)
     for name in registry.NAMES

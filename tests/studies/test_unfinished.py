@@ -64,7 +64,9 @@ def test_what_is_there_is_told_and_drawn(name, holes, results):
     assert int((data["status"] == DONE).sum()) + pending == data["status"].size
 
 
-@pytest.mark.parametrize("holes", HOLES)
+@pytest.mark.parametrize(
+    "holes", [pytest.param(each, marks=[pytest.mark.slow] * (each != "half")) for each in HOLES]
+)
 @pytest.mark.parametrize(
     ("sides", "quantities"),
     [
