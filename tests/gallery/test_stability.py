@@ -29,7 +29,7 @@ def by_branches(data):
     return onsets - recoveries
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 300), st.floats(-40.0, 40.0), frictions)
 def test_the_largest_growth_is_that_of_the_least_stable_mode(seed, theta, mu):
     rig = workshop_rig(seed)
