@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import studies
 from studies import registry
 from studies.cli import execution, main
 from studies.gallery import fig5, maps
@@ -252,14 +251,3 @@ def test_an_installed_study_is_known_by_its_name(here, own, tmp_path, monkeypatc
     monkeypatch.setattr(registry, "installed", registry.installed.__wrapped__)
     assert here("list").stdout.count("Squares") == 1  # a predefined study keeps its name
     assert here("run", "squares", "-q").returncode == 0
-
-
-def test_series_are_recorded_and_made_again(here):
-    place = ["--set", "V=2mm/s", "--set", "theta=5", "--set", "mu=0.2", "--set", "F=9", "--set", "duration=50ms"]
-    done = here("run", "scenes", *place, "--record", "velocity_B", "--sample-rate", "20e3", "-q")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert os.path.isfile("results/scenes/scenes-series.png")
-    assert here("run", "results/scenes/scenes.nc", "--out", "again", "-q").returncode == 0
-    one, other = (studies.open("scenes", out=folder) for folder in ("results", "again"))
-    np.testing.assert_array_equal(one["velocity_B"], other["velocity_B"])
-    assert one.sizes["elapsed"] > 900

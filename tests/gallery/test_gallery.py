@@ -171,10 +171,11 @@ def test_a_title_names_the_one_number_that_is_not_the_papers(rig, told):
 
 
 def test_modes_fill_their_panel():
-    data = registry.load("fig5").sweep({"mu": [0.1, 0.2]}).plan().run("sync")
+    study = registry.load("fig5")
+    data = study.sweep({"mu": [0.1, 0.2]}).plan().run("sync")
     low = data.assign(frequency=0.25 * data["frequency"])
-    tops = [drawn(registry.load("fig5"), each)[""].axes[0].get_ylim()[1] for each in (data, low)]
-    assert tops == pytest.approx([10.0, 1.3e-3 * float(low["frequency"].max())])
+    top = drawn(study, low)[""].axes[0].get_ylim()[1]
+    assert top == pytest.approx(1.3e-3 * float(low["frequency"].max()))
 
 
 def test_a_result_with_fewer_realisations_is_not_compared_and_says_why():
@@ -227,7 +228,9 @@ def test_figures_hold_on_twenty_drawn_requests(name, requests):
         assert summary.text(summary.parts(study, part), 100)
 
 
-@pytest.mark.parametrize("form", runner.FORMATS)
+@pytest.mark.parametrize(
+    "form", [pytest.param(each, marks=[pytest.mark.slow] * (each == "pdf")) for each in runner.FORMATS]
+)
 def test_a_figure_has_the_same_bytes_each_time(form):
     import matplotlib
 

@@ -52,6 +52,7 @@ def test_live_workers_of_dask_are_compared(files, names, tmp_path, monkeypatch):
         check(files, names[:3], tmp_path, cluster)
 
 
+@pytest.mark.slow  # quick: workers of Dask, above
 def test_live_processes_are_compared(files, names, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(files.folder), *sys.path]))
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
