@@ -356,7 +356,9 @@ def test_every_block_from_a_fresh_clone(tmp_path):
     (installed,) = home.glob(".venv/lib/python*/site-packages")
     for package in ("fivcore", "sweeps", "studies"):
         # What scripts in the clone have compiled lies there, too.
-        files = [path for path in (home / package).rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+        files = [
+            path for path in (home / package).rglob("*") if path.is_file() and "__pycache__" not in path.parts
+        ]
         assert files
         assert not [path for path in files if not (installed / path.relative_to(home)).is_file()]
     assert run("fiv", "check", cwd=tmp_path, env=environment).endswith("all is well\n")
