@@ -1,17 +1,17 @@
 """Fixtures that several folders share."""
 
+import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import settings
 
 from sweeps.plan import batches
 from tests.helpers.waves import BROKEN, LOG
 
 # No test fails because a machine is slow.
-settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")
 
 
@@ -61,7 +61,7 @@ def forgetful(tmp_path, monkeypatch):
     monkeypatch.setattr(registry, "_registered", {})
     yield
     for name, module in list(sys.modules.items()):
-        if tmp_path in Path(getattr(module, "__file__", None) or "").parents:
+        if (getattr(module, "__file__", None) or "").startswith(f"{tmp_path}{os.sep}"):
             del sys.modules[name]
 
 

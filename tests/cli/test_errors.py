@@ -138,6 +138,7 @@ def test_a_fault_of_ours_is_not_reported_as_wrong_input(here, monkeypatch, probl
         assert "Traceback" in here("plan", "fig5", "-v").stderr
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_lost_cluster_is_exit_3_and_what_is_stored_stays(here, own, monkeypatch):
     whole = Backend.submit
 
@@ -178,6 +179,7 @@ def test_streams_that_are_closed_or_full(command, redirected, code, last):
 HOSTILE = "\x1b]0;owned\x07\u202eowned\r\x9b1m\x7f"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_no_text_of_a_file_or_an_argument_reaches_a_terminal_as_it_is(here, own, monkeypatch):
     own.write_text(own.read_text().replace('"Squares"', repr(HOSTILE)).replace("two is", repr(HOSTILE)[1:-1]))
     words = ["run own.py --set x=1,2,3", "list own.py", "query squares --show x,error", "plan own.py --set H=1"]
@@ -192,6 +194,7 @@ def test_no_text_of_a_file_or_an_argument_reaches_a_terminal_as_it_is(here, own,
     assert HOSTILE not in here(*query).stdout
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_refused_folder_comes_with_a_command_that_works(here):
     assert here("run", "fig5", "--set", "mu=0.1,0.2", "-q").returncode == 0
     done = here("run", "fig5", "--set", "mu=0.1,0.2", "--set", "p1_length=60mm")

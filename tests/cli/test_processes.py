@@ -29,7 +29,7 @@ def slowly(self, points):
     late = next(calls) > 5
     while late and not os.path.exists('go'):
         time.sleep(0.02)
-    time.sleep(0.4 * len(points['x']))
+    time.sleep(0.1 * len(points['x']))
     return compute(self, points)
 Task.compute = slowly
 sys.argv = ['fiv', *sys.argv[1:]]

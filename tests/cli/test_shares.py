@@ -27,16 +27,16 @@ def test_the_array_job_of_the_readme(tmp_path, own, here):
     (tmp_path / "job.sh").write_text(JOB)
     own.write_text(own.read_text().replace("np.any(x == 2.0)", "np.any(x == 9.0)"))
     path = os.pathsep.join([str(tmp_path), str(Path(sys.executable).parent), os.environ["PATH"]])
-    queue = os.environ | {"PATH": path, "SLURM_ARRAY_TASK_COUNT": "4", "SLURM_ARRAY_JOB_ID": "17"}
-    tasks = [queue | {"SLURM_ARRAY_TASK_ID": str(number)} for number in range(1, 5)]
+    queue = os.environ | {"PATH": path, "SLURM_ARRAY_TASK_COUNT": "2", "SLURM_ARRAY_JOB_ID": "17"}
+    tasks = [queue | {"SLURM_ARRAY_TASK_ID": str(number)} for number in (1, 2)]
     jobs = [
         subprocess.Popen(["bash", "-eu", "job.sh"], cwd=tmp_path, env=task, stderr=subprocess.PIPE, text=True)
         for task in tasks
     ]
     said = [job.communicate(timeout=300)[1] for job in jobs]
-    assert [job.returncode for job in jobs] == [0] * 4, said
-    assert "share           3 of 4\n" in said[2]
-    assert said[2].endswith("share 3 of 4 is computed, 0 failed\n")
+    assert [job.returncode for job in jobs] == [0, 0], said
+    assert "share           2 of 2\n" in said[1]
+    assert said[1].endswith("share 2 of 2 is computed, 0 failed\n")
     (wrapped,) = re.findall(r"^--dependency=afterany:17 --wrap fiv (.*)$", (tmp_path / "waiting").read_text())
     assert "interrupted" in here("status", "squares", "--out", "on-slurm").stdout
     assert here(*wrapped.split()).returncode == 0

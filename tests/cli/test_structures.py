@@ -95,12 +95,10 @@ def test_a_cut_off_for_the_beams_is_not_for_a_structure(here, pin, tmp_path):
     assert np.isnan(data["cutoff"])
 
 
-def test_maps_and_stability_of_a_structure(here, pin):
+def test_onsets_and_maps_of_a_structure(here, pin):
     done = here("run", "fig5", "--rig", "pin.toml", "--set", "mu=0:0.5:11", "-q")
     assert done.returncode == 0
     assert re.search(r"flutters from mu = 0\.2756 on, at 940 Hz", done.stdout)
-    done = here("run", "stability", "--rig", "pin.toml", "--set", "mu=0:0.4:5", "-q")
-    assert (done.returncode, "unstable at 2 of 5 points" in done.stdout) == (0, True)
     words = ("--x", "mu=0:0.4:5", "--quantity", "growth_rate,unstable_modes", "--rig", "pin.toml")
     assert here("map", *words, "-q").returncode == 0
     data = studies.open(f"growth-mu-rig{pin.digest[:8]}")
@@ -167,7 +165,7 @@ def test_only_parameters_of_a_structure_are_named(here, pin, words):
     assert not re.search("p1_|p2_|theta|head_mass|contact_position|d1", done.stderr), done.stderr
 
 
-@pytest.mark.parametrize("study", ["table4", "fig7", "table6", "robust", "stress"])
+@pytest.mark.parametrize("study", ["table4", "robust"])
 def test_what_needs_the_beams_says_so(here, pin, study):
     done = here("plan", study, "--rig", "pin.toml")
     assert (done.returncode, done.stderr.count("\n"), "needs the paper's beams" in done.stderr) == (2, 1, True)

@@ -22,7 +22,7 @@ RESULTS = HOME / "results" / "reference"
 KEPT = sorted(RESULTS.glob("*/*.nc"))
 VERSION = "1.11"
 # Between them every kind of variable and dimension; the others are checked among the slow tests.
-VARIED = ("fig5", "contact", "regimes", "robust", "accuracy", "stress")
+VARIED = ("contact", "robust", "stress")
 
 
 @pytest.fixture(scope="module")

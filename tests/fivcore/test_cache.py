@@ -60,8 +60,10 @@ def removed(file):
     file.unlink()
 
 
-@pytest.mark.parametrize("damage", [cut, empty, garbage, one_bit, removed])
-@pytest.mark.parametrize("pattern", ["*.nbi", "*.nbc", "checksum"])
+ONCE = [("*.nbi", cut), ("*.nbi", garbage), ("*.nbc", one_bit), ("*.nbc", removed), ("checksum", empty)]
+
+
+@pytest.mark.parametrize(("pattern", "damage"), ONCE)
 def test_a_damaged_file_costs_a_compilation(compiled, tmp_path, pattern, damage):
     assert not is_loaded(compiled())
     assert is_loaded(compiled())
@@ -180,7 +182,10 @@ def test_functions_bear_the_options_that_decide_their_bits():
 
 
 @pytest.mark.skipif(platform.machine().lower() not in ("x86_64", "amd64"), reason="registers of x86")
-@pytest.mark.parametrize(("target", "none", "some"), [("haswell", "z", "y"), ("generic", "[yz]", "x")])
+@pytest.mark.parametrize(
+    ("target", "none", "some"),
+    [pytest.param("haswell", "z", "y", marks=pytest.mark.slow), ("generic", "[yz]", "x")],
+)
 def test_other_processors_are_imitated(tmp_path, target, none, some):
     """The widest registers: 256 bits (ymm) with AVX2, 128 (xmm) with SSE2; 512 (zmm) would be AVX-512's."""
     code = """

@@ -18,7 +18,7 @@ def both(scene, duration, **given):
 
 
 @given(st.floats(3e-4, 3e-3), st.floats(1.0, 12.0), st.floats(0.05, 0.5))
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 def test_a_skip_ends_before_stick_does(V, theta, mu):
     """First slip, which a skip that went too far would delay, at the same step; and the motion up to there."""
     duration = min(1.2 * 0.1435e-3 * mu / 0.2 / V, 0.25)

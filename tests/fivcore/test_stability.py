@@ -27,7 +27,7 @@ from tests.helpers.scattered import scattered
 
 
 @given(rigs, angles, st.lists(frictions, min_size=2, max_size=12), st.floats(500.0, 30e3))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_a_point_has_the_same_bits_in_any_batch(rig, theta, mu, fmax):
     together = sliding_modes(rig, theta, mu, fmax)
     for i, one in enumerate(mu):

@@ -14,6 +14,7 @@ from studies.motion import ensemble, run
 from studies.motion import regimes as motion
 from studies.motion.jobs import run_all
 from studies.motion.run import REGIMES
+from tests import HOME
 
 # Long enough for what decays slowest, at d1 / 2 = 25 1/s, to be gone; short enough for a test.
 SHORT = {"min_duration": 0.6, "max_duration": 0.85, "members": 2}
@@ -25,18 +26,23 @@ STEADY, INTERMITTENT, PERIODIC, IRREGULAR = map(
 )
 
 
-@pytest.mark.parametrize(
-    ("V", "mu", "stick"),
-    [(1e-3, 0.2, 0.925), (2e-3, 0.2, 0.743), (5e-3, 0.2, 0.596), (5e-4, 0.3, 0.98), (5e-3, 0.05, 0.0)],
-)
-def test_all_realisations_of_a_scene_far_from_an_onset_move_alike(V, mu, stick):
-    """Sliding for good below the lowest onset, 0.1112; above it a vibration with a known share of stick."""
-    found = ensemble.statistics(run_all(ensemble.ensemble(Scene(V, 5.0, mu, 9.0), 3, OPTIONS)))
+@pytest.mark.parametrize(("V", "mu"), [(1e-3, 0.2), (2e-3, 0.2), (5e-3, 0.2), (5e-4, 0.3), (5e-3, 0.05)])
+def test_all_realisations_of_a_scene_far_from_an_onset_move_alike(V, mu):
+    """Sliding for good below the lowest onset, 0.1112; above it a vibration with the reference's share of stick.
+
+    Shares agree within four standard errors; those of realisations scatter as the standard errors say.
+    """
+    with xr.open_dataset(HOME / "results" / "reference" / "regimes" / "regimes.nc") as data:
+        kept = data.squeeze().sel(V=V, mu=mu, method="nearest").load()
+    found = ensemble.statistics(run_all(ensemble.ensemble(Scene(float(kept["V"]), 5.0, mu, 9.0), 3, OPTIONS)))
     vibrates = motion.is_of(found["member_regime"], *motion.VIBRATING)
     np.testing.assert_array_equal(vibrates, mu > 0.1112)
     np.testing.assert_allclose(found["mean_normal_force"], 9.0, rtol=0.02)
-    assert found["stick_fraction"] == pytest.approx(stick, abs=0.05)
-    assert not found["stick_fraction_std"] > 0.05
+    error = found["stick_fraction_se"]
+    assert abs(found["stick_fraction"] - kept["stick_fraction"]) <= 4.0 * np.hypot(
+        error, kept["stick_fraction_se"]
+    )
+    assert found["stick_fraction_std"] <= 4.0 * np.sqrt(3.0) * error
     if V >= 2e-3 and mu == 0.2:
         assert 2.5e3 < found["dominant_frequency"] < 2.7e3
 

@@ -29,7 +29,7 @@ def by_branches(data):
     return onsets - recoveries
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 300), st.floats(-40.0, 40.0), frictions)
 def test_the_largest_growth_is_that_of_the_least_stable_mode(seed, theta, mu):
     rig = workshop_rig(seed)
@@ -71,10 +71,10 @@ def test_branches_are_kept_to_their_ends(plane):
 
 
 def test_pairs_that_recover_or_diverge_are_counted(computed):
-    data = computed("stability", theta=evenly(0.0, 20.0, 5), mu=evenly(0.0, 0.6, 4), p1_length=0.08)
+    data = computed("stability", theta=evenly(0.0, 20.0, 3), mu=[0.0, 0.6], p1_length=0.08)
     assert np.nanmax(data["pair_recovery_mu"]) <= 0.6
     # At theta = 24 and mu = 0.8 a pair of the paper's rig diverges.
-    data = computed("stability", theta=[20.0, 24.0, 28.0], mu=[0.7, 0.8, 0.9])
+    data = computed("stability", theta=[20.0, 24.0, 28.0], mu=[0.7, 0.8])
     counts = np.sum(data["frequency"].values == 0.0), np.sum(data["unstable_modes"].values != by_branches(data))
     (table,) = (part[1] for part in STUDY.summary(data) if part[0] == "Over the plane")
     assert all(counts)
@@ -89,7 +89,7 @@ def test_branches_that_cannot_be_followed_leave_all_else(monkeypatch, computed):
     data = computed("stability", theta=[0.0, 5.0], mu=[0.1, 0.2])
     assert (data.sizes["pair"], data.sizes["window"]) == (0, 2)
     assert "onsets near theta = 1 cannot be told apart" in summary.text(summary.parts(STUDY, data), 200)
-    runner.image(STUDY, data)
+    assert runner.draw(STUDY, data)
 
 
 def test_the_papers_numbers_stand_beside_the_branches_and_the_plane(plane):

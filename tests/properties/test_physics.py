@@ -31,7 +31,7 @@ TIMES = int(os.environ.get("FIV_EXAMPLES", "1"))
 
 
 def examples(count):
-    return settings(max_examples=count * TIMES, derandomize=TIMES == 1, database=None, deadline=None)
+    return settings(max_examples=count * TIMES, derandomize=TIMES == 1, database=None)
 
 
 # Stability.

@@ -91,7 +91,7 @@ def test_a_file_keeps_all_that_its_points_computed_and_draws_what_is_requested(t
     for quantities, todo in (("onset_mu", 6), ("onset_frequency", 0), ("onset_mu,onset_frequency", 0)):
         study, plan = maps.plan("p2_length=140:160:2mm", "theta=4:6:3", quantities, out=tmp_path)
         assert plan.todo == todo
-        assert runner.image(study, runner.execute(study, plan, "sync").dataset)
+        assert runner.draw(study, runner.execute(study, plan, "sync").dataset)
         assert maps.arranged(open_results(plan.store)) == (quantities.split(","), "p2_length", "theta")
     assert registry.load(open_results(plan.store).attrs["sweep"]) is study
 

@@ -46,13 +46,17 @@ HOLES = {
     "half": lambda shape: np.arange(np.prod(shape)).reshape(shape) >= np.prod(shape) // 2,
     "scattered": lambda shape: np.random.default_rng(0).random(shape) < 0.5,
 }
-SLOW = ("one", "scattered")  # `half` draws every figure, too
+# `half` draws every figure; that nothing is there yet, is told and drawn of one study of each kind.
+KINDS = ("fig5", "contact", "regimes", "robust")
+QUICK = [*((name, "half") for name in registry.NAMES), *((name, "none") for name in KINDS)]
+CASES = [
+    pytest.param(name, each, marks=[pytest.mark.slow] * ((name, each) not in QUICK))
+    for name in registry.NAMES
+    for each in HOLES
+]
 
 
-@pytest.mark.parametrize(
-    "holes", [pytest.param(each, marks=pytest.mark.slow) if each in SLOW else each for each in HOLES]
-)
-@pytest.mark.parametrize("name", registry.NAMES)
+@pytest.mark.parametrize(("name", "holes"), CASES)
 def test_what_is_there_is_told_and_drawn(name, holes, results):
     study, data = results(name, HOLES[holes])
     pending = int((data["status"] == PENDING).sum())
@@ -64,7 +68,9 @@ def test_what_is_there_is_told_and_drawn(name, holes, results):
     assert int((data["status"] == DONE).sum()) + pending == data["status"].size
 
 
-@pytest.mark.parametrize("holes", HOLES)
+@pytest.mark.parametrize(
+    "holes", [pytest.param(each, marks=[pytest.mark.slow] * (each != "half")) for each in HOLES]
+)
 @pytest.mark.parametrize(
     ("sides", "quantities"),
     [

@@ -88,9 +88,8 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("scheduler", ["threads", "sync", "inside"])
+@pytest.mark.parametrize(("scheduler", "count"), [("threads", 40), ("sync", 2), ("inside", 40)])
 @pytest.mark.parametrize(("function", "said"), CASES)
-@pytest.mark.parametrize("count", [2, 40])
 def test_an_undeclared_result_is_refused_and_nothing_is_stored(path, request, function, said, scheduler, count):
     """Not as a failure of each point; also if the first points lack it."""
     LABELLED.update(np.arange(1.0, 40.0))

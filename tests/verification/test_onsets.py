@@ -57,7 +57,7 @@ def right_half_plane(rig, theta, mu, fmax):
     return np.sum(modes.unstable * np.where(modes.frequency > 0.0, 2, 1), axis=-1)
 
 
-BLOCKS = [0, 1, *(pytest.param(block, marks=pytest.mark.slow) for block in range(2, 60))]
+BLOCKS = [0, *(pytest.param(block, marks=pytest.mark.slow) for block in range(1, 60))]
 
 
 @pytest.mark.parametrize("block", BLOCKS)
@@ -165,7 +165,7 @@ EXTREMES = {
     "soft on stiff": (made({"young_modulus": 1e9}, {"young_modulus": 1e20}), 7.0),
     "contact at the end": (made(contact_position=0.15), 7.0),
 }
-WORKSHOP = {f"workshop {s}": (workshop_rig(s, s % 3 > 0), 80.0 * np.sin(s + 1.0)) for s in range(30)}
+WORKSHOP = {f"workshop {s}": (workshop_rig(s, s % 3 > 0), 80.0 * np.sin(s + 1.0)) for s in range(10)}
 CASES = [pytest.param(*case, id=name) for name, case in (EXTREMES | WORKSHOP).items()]
 
 
@@ -218,10 +218,10 @@ def counted(found, mu):
     return np.sum(np.where(found.change_mu < mu[:, None], found.change, 0.0), axis=1)
 
 
-POINTS = [100, pytest.param(2000, marks=pytest.mark.slow)]
+POINTS = [40, pytest.param(2000, marks=pytest.mark.slow)]
 
 
-@pytest.mark.parametrize("fmax", [3e3, 10e3, 20e3])
+@pytest.mark.parametrize("fmax", [3e3, 20e3])
 @pytest.mark.parametrize("count", POINTS)
 def test_rigs_have_the_growing_modes_that_sliding_has(count, fmax):
     """Also those that enter the band while they grow, and those that do not oscillate."""

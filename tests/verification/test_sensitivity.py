@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import lu_factor, lu_solve
 
-from fivcore import Rig, flutter_onsets, onset_curves, onset_sensitivity
+from fivcore import Rig, flutter_onsets, flutter_onsets_many, onset_curves, onset_sensitivity
+from fivcore.stability.sensitivity import CENTRAL, STEP
 from studies.accuracy.rigs import drawn_scene
 from studies.parameters import rig_numbers
 from tests.helpers.reference import assemble
@@ -139,15 +140,26 @@ def test_scaled_rigs_scale(rig):
 
 @pytest.mark.parametrize("theta", [5.0, 20.0])
 def test_under_a_heavy_head_onsets_follow_a_closed_form(theta):
-    """mu = (1 + e) tan(theta) + e / tan(theta), at a frequency that does not know theta, whatever e is."""
-    found, t = onset_sensitivity(Rig(head_mass=1e12), theta), np.tan(np.radians(theta))
-    e = (found.mu - t) / (t + 1.0 / t)
-    slope = np.radians(1.0 + t**2) * (1.0 + e - e / t**2)
-    # Small ones are right to 5e-10 of the largest sensitivity of the same onset (`fivcore.stability.sensitivity`).
-    bound = 5e-10 * np.max(np.abs(list(found.mu_normalised.values())), axis=0)
-    assert np.all(np.abs(found.mu_normalised["theta"] - theta * slope / found.mu) < bound)
-    for each in (found.frequency_normalised["theta"], found.mu_normalised["head_mass"]):
-        assert np.all(np.abs(each) < bound)
+    """mu = (1 + e) tan(theta) + e / tan(theta), at a frequency that does not know theta, whatever e is.
+
+    The differences divide the rounding of the onsets by STEP: each sensitivity is as wrong as that allows, and
+    over angles next to each other the errors cancel, since they are nothing else.
+    """
+    rig, errors = Rig(head_mass=1e12), []
+    for angle in theta * (1.0 + 1e-5 * np.arange(24)):
+        found, t = onset_sensitivity(rig, angle), np.tan(np.radians(angle))
+        e = (found.mu - t) / (t + 1.0 / t)
+        slope = np.radians(1.0 + t**2) * (1.0 + e - e / t**2)
+        of_mu = found.mu_normalised["theta"] - angle * slope / found.mu
+        errors.append([of_mu, found.mu_normalised["head_mass"], found.frequency_normalised["theta"]])
+    assert np.all(np.abs(np.mean(errors, axis=0)) < 1e-10)
+    angles = theta * (1.0 + 1e-7 * np.arange(1000))
+    near, t = flutter_onsets_many({"theta": angles}, rig=rig), np.tan(np.radians(angles))[:, None]
+    e = np.median((near.mu - t) / (t + 1.0 / t), axis=0)
+    rounding = np.abs(((1.0 + e) * t + e / t) / near.mu - 1.0).max(axis=0)
+    of_frequency = np.ptp(near.frequency, axis=0) / near.frequency[0]
+    lost = np.maximum([rounding, rounding, of_frequency], np.finfo(float).eps)
+    assert np.all(np.abs(errors).max(axis=0) <= np.abs(CENTRAL[1]).sum() / STEP * lost)
 
 
 # Limits of parameters.

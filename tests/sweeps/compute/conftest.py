@@ -22,9 +22,9 @@ def inside():
         yield one
 
 
-@pytest.fixture(params=["sync", "threads", "address", "client"])
+@pytest.fixture(params=["sync", "threads", "address"])
 def scheduler(request):
-    """Kinds of back ends; on request also a "cluster", which is a client's after all."""
+    """Kinds of back ends; on request also a "client" or a "cluster", which are an address's after all."""
     if request.param == "client":
         with distributed.Client(request.getfixturevalue("inside"), set_as_default=False) as client:
             yield client

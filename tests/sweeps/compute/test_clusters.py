@@ -35,7 +35,7 @@ for line in sys.stdin:
 # Addresses.
 
 
-@pytest.mark.parametrize("wrong", ["tcp://127.0.0.1:1", "nonsense://here", "tcp://", "tls://nowhere.invalid:1"])
+@pytest.mark.parametrize("wrong", ["tcp://127.0.0.1:1", "nonsense://here", "tls://nowhere.invalid:1"])
 def test_an_address_without_a_scheduler_is_named(wrong, monkeypatch, capfd):
     assert cluster.CONNECT_TIMEOUT <= 10.0
     monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.5)

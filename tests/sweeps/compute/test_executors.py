@@ -38,7 +38,7 @@ class Plain(Executor):
         return future
 
 
-@pytest.fixture(scope="module", params=["threads", "spawn", "loky", "plain"])
+@pytest.fixture(scope="module", params=["threads", "spawn", pytest.param("loky", marks=pytest.mark.slow), "plain"])
 def executor(request):
     if request.param == "loky":
         yield loky.get_reusable_executor(2)

@@ -59,18 +59,19 @@ CHANGES = [
 
 @pytest.mark.usefixtures("small_pieces")
 @pytest.mark.parametrize("unfinished", [True, False])
-@pytest.mark.parametrize(("changes", "message"), CHANGES)
-def test_results_of_another_declaration_are_refused_naming_what_differs(path, changes, message, unfinished):
+def test_results_of_another_declaration_are_refused_naming_what_differs(path, unfinished):
     if unfinished:
         interrupted(sweep(**BEFORE).plan(path), 1)
     else:
         sweep(**BEFORE).plan(path).run("sync")
     before = {each: each.read_bytes() for each in path.parent.rglob("*") if each.is_file()}
-    with pytest.raises(StoreError, match=r"other results: [^\n]*, or start over \(fresh=True\)[^\n]*$") as caught:
-        sweep(**(BEFORE | changes)).plan(path)
-    assert message in str(caught.value)
-    assert {each: each.read_bytes() for each in before} == before
-    assert sweep(**(BEFORE | changes)).plan(path, fresh=True).todo
+    start_over = r"other results: [^\n]*, or start over \(fresh=True\)[^\n]*$"
+    for changes, message in CHANGES:
+        with pytest.raises(StoreError, match=start_over) as caught:
+            sweep(**(BEFORE | changes)).plan(path)
+        assert message in str(caught.value)
+        assert {each: each.read_bytes() for each in before} == before
+        assert sweep(**(BEFORE | changes)).plan(path, fresh=True).todo
 
 
 PAIRS = [
