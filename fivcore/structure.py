@@ -11,7 +11,7 @@ above all others have it (`static_modes`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from hashlib import sha256
@@ -25,7 +25,7 @@ from fivcore import checks
 from fivcore.beams.elements import axial
 from fivcore.beams.modes import contact_modes, one_blas_thread, rig_bases
 from fivcore.errors import InputError
-from fivcore.finite_elements import DENSE, checked_matrix, lowest_modes, static_modes
+from fivcore.finite_elements import DENSE, checked_matrix, free_rows, lowest_modes, static_modes
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig, Structural, html_table
 from fivcore.structure_files import structure_arguments
@@ -141,12 +141,16 @@ class Structure(Structural, ReadOnlyArrays):
         d2: float = 0.0,
         damping_ratio: Any = None,
         fmax: float | None = None,
+        names: Sequence[str] | None = None,
     ) -> Structure:
         """Compute the modes of a finite-element model with its contact open.
 
-        Modes up to `fmax` are computed by shift and invert, all of them where there are at most 600 degrees of
-        freedom and no `fmax`; the others act by their static compliance at contact and load, from the same
-        factorisation.
+        Modes up to `fmax` are computed, all of them where there are at most 600 degrees of freedom and no `fmax`;
+        the others act by their static compliance at contact and load. Larger models are solved by shift and
+        invert, and no mode is missing: there are as many as stiffness - (2 pi fmax)^2 mass has negative pivots. A
+        motion is rigid if its strain energy is within rounding of the stiffness; a remark says up to which
+        frequency. Degrees of freedom beside whose stiffness all others are rounding, as with Abaqus' 1e36, are
+        held and left out.
 
         Parameters
         ----------
@@ -161,11 +165,15 @@ class Structure(Structural, ReadOnlyArrays):
             As for `from_modes`.
         fmax : float, optional
             Highest frequency of a mode, Hz. Default: 10 kHz for more than 600 degrees of freedom.
+        names : sequence of str, (n,), optional
+            What messages call the degrees of freedom. Default: "degree of freedom 7", from 0.
 
         Raises
         ------
         ValueError
             Naming the argument, its value and what is allowed, or the motion that nothing holds.
+        ArithmeticError
+            Where the modes that were found are not as many as there are.
         """
         M = checked_matrix("mass", mass, None)
         n = M.shape[0]
@@ -173,16 +181,26 @@ class Structure(Structural, ReadOnlyArrays):
         C = None if damping is None else checked_matrix("damping", damping, n)
         given = {"normal": normal, "tangential": tangential, "load": load, "output": output, "drive": drive}
         rows = {name: _over_dofs(name, row, n) for name, row in given.items() if row is not None}
+        if names is not None and len(names) != n:
+            raise InputError(f"names: there are {len(names)}; it must be {n}, one for each degree of freedom")
+        remarks, free, diagonal = tuple[str, ...](), free_rows(K), K.diagonal()
+        name = np.array([f"degree of freedom {dof}" for dof in range(n)] if names is None else names)[free]
+        if not free.all():
+            M, K, C = (None if each is None else each[free][:, free] for each in (M, K, C))
+            rows = {each: row[free] for each, row in rows.items()}
+            remarks = (f"stiffness: {n - len(name)} degrees of freedom are held, with {diagonal.max():g}",)
         contact = np.stack([rows["normal"], rows["tangential"], rows["load"]])
         band = None if fmax is None else checks.band(fmax)
         band = 10e3 if band is None and n > DENSE else band
-        values, vectors, compliance = lowest_modes(M, K, band, contact)
+        values, vectors, compliance, rigid = lowest_modes(M, K, band, contact, name)
+        if rigid:
+            remarks += (f"stiffness: motions below {rigid:.2g} Hz, which is its rounding, count as rigid",)
         own = contact @ vectors
-        output_row, drive_row = rows.get("output", rows["tangential"]), rows.get("drive", np.zeros(n))
+        output_row, drive_row = rows.get("output", rows["tangential"]), rows.get("drive", np.zeros(len(name)))
         inertia, read = -drive_row @ vectors, output_row @ vectors
-        structure = _modal(values, list(own), inertia, read, (d1, d2), damping_ratio, compliance, vectors)
+        structure = _modal(values, list(own), inertia, read, (d1, d2), damping_ratio, compliance, vectors, name)
         if C is None:
-            return structure
+            return replace(structure, remarks=remarks)
         by_modes = vectors.T @ (C @ vectors)
         diagonal = np.diag(by_modes)
         if diagonal.min() < -1e-9 * np.abs(by_modes).max():
@@ -190,7 +208,7 @@ class Structure(Structural, ReadOnlyArrays):
         coupling = float(np.abs(by_modes - np.diag(diagonal)).max() / max(diagonal.max(), 1e-300))
         text = f"damping: coupling of modes is left out, at most {coupling:.3g} of the largest term"
         added = np.pad(np.maximum(diagonal, 0.0), (0, structure.static))
-        return replace(structure, damping=structure.damping + added, rayleigh=None, remarks=(text,))
+        return replace(structure, damping=structure.damping + added, rayleigh=None, remarks=(*remarks, text))
 
     @classmethod
     def read(cls, path: str | Path) -> Structure:
@@ -201,9 +219,10 @@ class Structure(Structural, ReadOnlyArrays):
 
     @cached_property
     def digest(self) -> str:
-        """Digest of all numbers."""
+        """Digest of all numbers, and of the law of damping, by which stability is computed."""
         rows = [getattr(self, name) for name in ("stiffness", "damping", *ROWS)]
-        return sha256(np.stack(rows).tobytes() + bytes([self.static])).hexdigest()
+        law = np.array(self.rayleigh or (np.nan, np.nan))
+        return sha256(np.stack(rows).tobytes() + law.tobytes() + bytes([self.static])).hexdigest()
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers as lists, from which `from_dict` makes an equal structure."""
@@ -347,6 +366,7 @@ def _modal(
     damping_ratio: Any,
     compliance: Array | None = None,
     vectors: Array | None = None,
+    names: Any = None,
 ) -> Structure:
     """A checked structure of modes with contact and load `rows`; `compliance` (3, 3) of the others."""
     order = np.argsort(stiffness, kind="stable")
@@ -373,7 +393,7 @@ def _modal(
     if by_mode:
         m = len(stiffness) - static
         damping[:m] += 2.0 * _ratios(damping_ratio, m) * np.sqrt(stiffness[:m])
-    _held(stiffness, normal, load, vectors)
+    _held(stiffness, normal, vectors, names)
     own = None if by_mode else (d1, d2)
     structure = Structure(stiffness, damping, normal, tangential, inertia, output, load, own, static)
     if not structure.preload > 0.0:
@@ -384,7 +404,7 @@ def _modal(
     return structure
 
 
-def _held(stiffness: Array, normal: Array, load: Array, vectors: Array | None) -> None:
+def _held(stiffness: Array, normal: Array, vectors: Array | None, names: Any) -> None:
     """Raise unless the closed contact prevents every rigid motion; at most one of them may move the normal gap."""
     rigid = np.flatnonzero(stiffness == 0.0)
     if not len(rigid):
@@ -395,7 +415,7 @@ def _held(stiffness: Array, normal: Array, load: Array, vectors: Array | None) -
         text = f"{free.shape[1]} rigid motion(s) that the closed contact does not hold"
         if vectors is not None:
             moved = np.abs(vectors[:, rigid] @ free[:, 0])
-            text += f"; one moves degree of freedom {int(moved.argmax())} most"
+            text += f"; one moves {names[moved.argmax()]} most"
         raise InputError(f"stiffness: {text}: support the structure")
 
 

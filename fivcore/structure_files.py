@@ -198,9 +198,14 @@ def _universal(path: Path, rows: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
+def _names(labels: Any) -> list[str]:
+    """Names of rows by node and degree of freedom."""
+    return [f"node {node}, {DIRECTIONS.get(str(dof), dof)}" for node, dof in labels]
+
+
 def _weights(rows: Mapping[str, Any], labels: Any, size: int, folder: Path) -> dict[str, dict[int, float]]:
     """Weights by index, of each an index, a name, a table of weights of these, or a file of a vector."""
-    names = {f"node {node}, {DIRECTIONS.get(str(dof), dof)}": i for i, (node, dof) in enumerate(labels)}
+    names = {name: i for i, name in enumerate(_names(labels))}
     found: dict[str, dict[int, float]] = {name: {} for name in rows}
     for name, value in rows.items():
         with _reading(f"{name} = {checks.short(value)}"):
@@ -247,4 +252,5 @@ def _matrices(content: Mapping[str, Any], rows: Mapping[str, Any], folder: Path)
     sizes = {name: matrix.shape[0] for name, matrix in found.items()} | {"nodes": len(labels) or size}
     if len(set(sizes.values())) > 1:
         raise InputError(f"numbers of rows differ: {sizes}; nodes or dofs_per_node must name each row")
-    return found | _weights(rows, labels, size, folder)
+    names = {"names": _names(labels)} if len(labels) else {}
+    return found | names | _weights(rows, labels, size, folder)

@@ -159,6 +159,7 @@ def test_a_model_of_matrices(folder):
     constructor, given = arguments(folder, model("both.mtx", text))
     assert constructor == "from_matrices"
     assert all(np.array_equal(given.pop(name).toarray(), K) for name in ("mass", "stiffness"))
+    assert given.pop("names") == [f"node {node}, {way}" for node in (1, 2, 3, 4) for way in "xyz"]
     assert given.pop("output") == {i: float(i) for i in range(12)}
     assert given == {"normal": {4: 1, 11: -0.5}, "tangential": {3: 1}, "load": {0: 1}, "d1": 50, "fmax": 1e4}
     mapped = arguments(folder, model("rsa.matrix", 'nodes = "K.mapping"\nnormal = 2', "node 3, rz"))[1]

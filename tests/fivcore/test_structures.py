@@ -1,5 +1,8 @@
 """Own structures: from matrices and modes, their statics, and what is refused."""
 
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import sparse
@@ -135,6 +138,111 @@ def test_a_plate_of_a_hundred_thousand_degrees_of_freedom():
     assert len(structure.frequency) > 10
     assert 0.9 < structure.preload < 1.1
     assert np.isfinite(simulate(Scene(1e-3, 0.0, 0.2, 10.0, structure), 0.01).summary["energy_residual"])
+
+
+def pin(elements, length=0.05, diameter=0.02, springs=(20.0, 20.0)):
+    """M and K of a steel pin in bending on two springs, Hz with half its mass, and of another mass at 20 Hz."""
+    each, area, inertia = length / elements, np.pi * diameter**2 / 4.0, np.pi * diameter**4 / 64.0
+    a, b, c, d = 6.0 * each, 4.0 * each**2, 22.0 * each, 13.0 * each
+    k = np.array([[12.0, a, -12.0, a], [a, b, -a, b / 2.0], [-12.0, -a, 12.0, -a], [a, b / 2.0, -a, b]])
+    m = np.array([[156.0, c, 54.0, -d], [c, b, d, -0.75 * b], [54.0, d, 156.0, -c], [-d, -0.75 * b, -c, b]])
+    M, K = np.zeros((2, 2 * elements + 3, 2 * elements + 3))
+    for e in range(elements):
+        part = slice(2 * e, 2 * e + 4)
+        K[part, part] += 2.1e11 * inertia / each**3 * k
+        M[part, part] += 7800.0 * area * each / 420.0 * m
+    M[-1, -1] = mass = 7800.0 * area * length
+    for dof, hertz in zip((0, -3), springs, strict=True):
+        K[dof, dof] += 0.5 * mass * (2.0 * np.pi * hertz) ** 2
+    K[-1, -1] = mass * (2.0 * np.pi * 20.0) ** 2
+    return M, K
+
+
+@pytest.mark.parametrize("convert", [np.asarray, sparse.csc_array])
+@pytest.mark.parametrize("elements", [4, 10, 20, 40, 80])
+def test_a_soft_support_is_not_a_rigid_motion(elements, convert, monkeypatch):
+    """However fine the mesh, whose highest mode has 2 to 600 MHz: a rigid bar has 20 and 34.64 Hz."""
+    if convert is sparse.csc_array:
+        for module in ("structure", "finite_elements"):
+            monkeypatch.setattr(f"fivcore.{module}.DENSE", 5)
+    M, K = pin(elements)
+    rows = {"normal": {len(M) - 3: 1.0}, "tangential": {len(M) - 1: 1.0}, "load": {len(M) - 3: -1.0}}
+    found = Structure.from_matrices(convert(M), convert(K), **rows, fmax=None if elements < 5 else 10e3)
+    assert found.frequency[:3] == pytest.approx([20.0, 20.0, 20.0 * np.sqrt(3.0)], abs=1e-3)
+    assert not found.remarks
+    # Without one spring the pin turns about the other; that is rigid, and held by the contact.
+    M, K = pin(elements, springs=(20.0, 0.0))
+    found = Structure.from_matrices(convert(M), convert(K), **rows, fmax=10e3)
+    assert found.frequency[:2] == pytest.approx([0.0, 20.0], abs=1e-3)
+    assert np.count_nonzero(found.stiffness == 0.0) == 1
+    assert "count as rigid" in found.remarks[0]
+
+
+@pytest.mark.parametrize("weight", [1e13, 1e20, 1e25, 1e36])
+def test_held_degrees_of_freedom(weight):
+    """A stiffness far above all others, as by a penalty or as 1e36 from Abaqus, is a support."""
+    K = chain(12)
+    rows = {"normal": {11: 1.0}, "tangential": {5: 1.0}, "load": {11: -1.0}}
+    free = Structure.from_matrices(
+        np.eye(11), K[1:, 1:], **{name: {dof - 1: w for dof, w in row.items()} for name, row in rows.items()}
+    )
+    K[0, 0] += weight
+    for sparsely in (False, True):
+        found = Structure.from_matrices(np.eye(12), sparse.csc_array(K) if sparsely else K, **rows)
+        np.testing.assert_allclose(found.frequency[:11], free.frequency, rtol=1e-7)
+        assert any("1 degrees of freedom are held" in each for each in found.remarks) == (weight > 1e22)
+    # A spring between two degrees of freedom leaves nothing of the others.
+    K[:2, :2] += 1e36 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    with pytest.raises(InputError, match=r"^stiffness: .* off the diagonal"):
+        Structure.from_matrices(np.eye(12), K, **rows)
+
+
+def chain(n, end=1.0):
+    """Stiffness of springs of 1e6 N/m in a row; its last node is free."""
+    return 1e6 * (np.diag([*[2.0] * (n - 1), end]) - np.eye(n, k=1) - np.eye(n, k=-1))
+
+
+@pytest.mark.parametrize("n", [6, 700])
+@pytest.mark.parametrize("sparsely", [False, True])
+def test_messages_name_degrees_of_freedom(n, sparsely):
+    """A mass without some motion, though no row is zero; a part that nothing holds; a negative spring."""
+    convert = sparse.csc_array if sparsely else np.asarray
+    names = [f"node {1 + dof // 2}, {'xy'[dof % 2]}" for dof in range(n)]
+    rows = {"normal": {n - 1: 1.0}, "tangential": {1: 1.0}, "load": {n - 1: -1.0}}
+    pair, loose, weak, negative = np.eye(n), chain(n), chain(n), chain(n)
+    pair[2:4, 2:4] = 1.0
+    loose[2] = loose[:, 2] = 0.0
+    negative[3, 3] = -1e7
+    weak -= (np.linalg.eigvalsh(weak)[0] + 50.0) * np.eye(n)
+    for M, K, text in (
+        (pair, chain(n), "mass: .* a motion, largest at node 2, [xy], has none"),
+        (np.eye(n), loose, "stiffness: 1 rigid .* one moves node 2, x most"),
+        (np.eye(n), negative, "stiffness: indefinite: a motion, largest at node 2, y, has -1"),
+        (np.eye(n), weak, "stiffness: indefinite: a motion, largest at node .*, [xy], has -50 1/s2"),
+    ):
+        with pytest.raises(InputError, match=text) as caught:
+            Structure.from_matrices(convert(M), convert(K), **rows, fmax=300.0, names=names)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(InputError, match="names: there are 2; it must be"):
+        Structure.from_matrices(np.eye(n), chain(n), **rows, names=["a", "b"])
+
+
+def test_the_digest_has_the_law_of_damping():
+    """Stability with falling friction computes otherwise with it, and keeps its results by the digest."""
+    own = beams(fmax=20e3)
+    by_mode = replace(own, rayleigh=None)
+    assert own != by_mode
+    assert own == replace(own, rayleigh=(RIG.d1, RIG.d2)) == Structure.from_dict(own.to_dict())
+    assert by_mode == Structure.from_dict(by_mode.to_dict())
+
+
+def test_a_structure_holds_modes_and_no_matrices():
+    """What is pickled, told to other processes and digested is some numbers for each mode."""
+    M, K = (each.tocsc() for each in plate(40, 20, 0.2, 0.04))
+    rows = {"normal": {1601: 1.0}, "tangential": {1600: 1.0}, "load": {1601: -1.0}}
+    own = Structure.from_matrices(M, K, **rows, fmax=20e3)
+    assert len(pickle.dumps(own)) < 10_000 + 8 * 10 * len(own.stiffness)
+    assert len(pickle.dumps(own)) < 0.05 * len(pickle.dumps(K))
 
 
 M3, K3 = np.eye(3), np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
