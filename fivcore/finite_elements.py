@@ -94,7 +94,7 @@ def lowest_modes(
         M, K = (matrix.toarray() if sparse.issparse(matrix) else matrix for matrix in (M, K))
         values, vectors = linalg.eigh(K, M)
         if values.min() > -1e-12 * np.abs(values).max():
-            values, vectors = _refined(M, K, values, vectors)
+            values, vectors = refined(M, K, values, vectors)
     rigid = _rigid(K, values, vectors, names)
     kept = values < limit
     if not kept.any():
@@ -198,7 +198,7 @@ def _ritz(K: Any, vectors: Array) -> tuple[Array, Array]:
     return values, vectors @ turn
 
 
-def _refined(M: Array, K: Array, values: Array, vectors: Array) -> tuple[Array, Array]:
+def refined(M: Array, K: Array, values: Array, vectors: Array) -> tuple[Array, Array]:
     """Low modes to their own precision, by one inverse iteration: rounding is relative to the highest."""
     low = values < 1e-6 * values.max()
     if not low.any():

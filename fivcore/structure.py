@@ -11,6 +11,7 @@ above all others have it (`static_modes`).
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -24,7 +25,8 @@ from scipy import linalg, sparse
 from fivcore import checks
 from fivcore.beams.elements import axial
 from fivcore.beams.modes import contact_modes, one_blas_thread, rig_bases
-from fivcore.errors import InputError
+from fivcore.damping import SHARE, fitted, tied_modes, tied_ratios
+from fivcore.errors import DampingWarning, InputError
 from fivcore.finite_elements import DENSE, checked_matrix, free_rows, lowest_modes, static_modes
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig, Structural, html_table
@@ -307,23 +309,46 @@ class Structure(Structural, ReadOnlyArrays):
     def damped(self, damping_ratio: Any, of: str = "tied") -> Structure:
         """Replace the damping by ratios of the modes with the contact tied in both directions, or free.
 
-        Measured ratios are those of the assembled, tied structure. Their damping matrix is used by its diagonal in
-        the free modes. `damping_ratio` is one number, or one for each mode, ascending in frequency.
+        Measured ratios are those of the assembled, tied structure. Damping by mode that gives them is found by
+        least squares, first of all for tied modes below 0.8 of the highest frequency computed; `tied_damping` has
+        what came of it. `damping_ratio` is one number, or one for each mode, ascending in frequency.
+
+        Warns
+        -----
+        DampingWarning
+            If a tied mode below 0.8 of the highest frequency misses its ratio by more than 10 %; a remark says so
+            of those above, too.
         """
         checks.choice("of", of, ("tied", "free"))
         m = len(self.frequency)
         if of == "free":
             added = 2.0 * _ratios(damping_ratio, m) * np.sqrt(self.stiffness[:m])
             return replace(self, damping=np.pad(added, (0, self.static)), rayleigh=None)
-        weights = np.stack([self.normal, self.tangential])
-        held = linalg.null_space(weights / np.abs(weights).max(axis=1, keepdims=True))
-        values, y = np.linalg.eigh(held.T @ (self.stiffness[:, None] * held))
-        shapes = held @ y
+        values, shapes = self._tied
         ratios = _ratios(damping_ratio, len(values))
-        matrix = (shapes * (2.0 * ratios * np.sqrt(np.maximum(values, 0.0)))) @ shapes.T
-        damping = np.diag(matrix).copy()
-        damping[m:] = 0.0
-        return replace(self, damping=damping, rayleigh=None)
+        found = fitted(ratios, self.stiffness[:m], values, shapes)
+        structure = replace(self, damping=np.pad(found, (0, self.static)), rayleigh=None)
+        frequency, given = structure.tied_damping
+        missed = np.abs(given - ratios) > 0.1 * ratios
+        if not missed.any():
+            return structure
+        each = [f"{a:.6g} Hz: {b:.3g} for {c:.3g}" for a, b, c in np.stack([frequency, given, ratios]).T[missed]]
+        text = f"damping: ratios of tied modes are missed at {', '.join(each)}; compute more modes (fmax)"
+        if np.any(missed & (frequency < SHARE * self.frequency[-1])):
+            warnings.warn(text, DampingWarning, stacklevel=2)
+        return replace(structure, remarks=(*structure.remarks, text))
+
+    @cached_property
+    def _tied(self) -> tuple[Array, Array]:
+        """Squared angular frequencies and shapes of the modes with the contact tied in both directions."""
+        return tied_modes(self.stiffness, np.stack([self.normal, self.tangential]), self.static)
+
+    @property
+    def tied_damping(self) -> tuple[Array, Array]:
+        """Frequencies, Hz, and damping ratios, to first order, of the modes with the contact tied, each (k,)."""
+        values, shapes = self._tied
+        ratios = tied_ratios(self.damping[: len(shapes)], values, shapes)
+        return np.sqrt(values) / (2.0 * np.pi), ratios
 
 
 def _row(name: str, value: Any, n: int | None) -> Array:

@@ -1,13 +1,14 @@
 """Own structures: from matrices and modes, their statics, and what is refused."""
 
 import pickle
+import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import sparse
+from scipy import linalg, sparse
 
-from fivcore import InputError, Rig, Scene, Structure, flutter_onsets, simulate
+from fivcore import DampingWarning, InputError, Rig, Scene, Structure, flutter_onsets, simulate
 from tests.helpers.plate import plate
 from tests.helpers.reference import assemble
 
@@ -126,6 +127,74 @@ def test_damping_by_mode_by_ratio_and_by_matrix():
     # Equal ratios of the tied modes: their matrix is that of the free ones where there is nothing to tie.
     tied = Structure.from_modes(**OSCILLATOR).damped(0.01)
     assert tied.damping == pytest.approx([0.0, 0.0])
+
+
+PIN = Structure.from_modes([500, 800, 1700], [0.4, 0.1, 0.4], [-0.9, -0.7, -0.4], load=[-0.4, -0.1, 0.0])
+
+
+def tied_exponents(own):
+    """Complex eigenvalues with the contact tied, static modes as springs; without `fivcore.damping`."""
+    m, gaps = len(own.frequency), np.stack([own.normal, own.tangential])
+    K, held = np.diag(own.stiffness[:m]), np.eye(m)
+    if own.static:
+        compliance = (gaps[:, m:] / own.stiffness[m:]) @ gaps[:, m:].T
+        K += gaps[:, :m].T @ np.linalg.solve(compliance, gaps[:, :m])
+    else:
+        held = linalg.null_space(gaps)
+    K, D = held.T @ K @ held, held.T @ (own.damping[:m, None] * held)
+    unit = np.sqrt(np.abs(K).max())
+    values = unit * np.linalg.eigvals(np.block([[0.0 * K, np.eye(len(K))], [-K / unit**2, -D / unit]]))
+    values = values[values.imag > 0.0]
+    return values[np.argsort(np.abs(values))]
+
+
+@pytest.mark.parametrize("ratio", [0.01, 0.001, "falling"])
+@pytest.mark.parametrize("fmax", [None, 10e3, 20e3, 50e3, 94e3])
+def test_ratios_of_the_tied_structure_are_those_asked_for(fmax, ratio):
+    """The pin of studies/README.md, and the paper's rig by its matrices, as far as 0.8 of the band."""
+    own = PIN if fmax is None else beams(fmax=fmax)
+    top, count = own.frequency[-1], len(own.tied_damping[0])
+    asked = np.geomspace(0.02, 0.005, count) if ratio == "falling" else np.full(count, ratio)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        damped = own.damped(ratio if ratio != "falling" else asked)
+    exponents = tied_exponents(damped)
+    frequency, found = np.abs(exponents) / (2.0 * np.pi), -exponents.real / np.abs(exponents)
+    low = frequency < 0.8 * top
+    assert low.sum() == {None: 1, 10e3: 7, 20e3: 10, 50e3: 19, 94e3: 29}[fmax]
+    np.testing.assert_allclose(found[low], asked[low], rtol=0.02)
+    # What came of it is said, and no free mode is damped against all reason.
+    np.testing.assert_allclose(damped.tied_damping[0], frequency, rtol=1e-4)
+    np.testing.assert_allclose(damped.tied_damping[1], found, rtol=0.01)
+    missed = np.abs(found / asked - 1.0) > 0.1
+    for hertz in frequency[missed]:
+        assert f" {hertz:.6g}"[:4] in damped.remarks[-1]
+    assert missed.any() == any("tied" in remark for remark in damped.remarks)
+    free = damped.damping[: len(own.frequency)] / (2.0 * np.sqrt(own.stiffness[: len(own.frequency)]) + 1e-300)
+    assert np.all(free[own.frequency > 0.0] < 2.0 * asked.max())
+    assert np.all(damped.damping >= 0.0)
+
+
+def test_ratios_that_no_damping_gives_are_said():
+    """Of two tied modes one cannot be undamped with all others damped."""
+    own = beams(fmax=20e3)
+    asked = np.full(len(own.tied_damping[0]), 1e-4)
+    asked[3] = 0.2
+    with pytest.warns(DampingWarning, match=r"^damping: .* missed at .* Hz: 0\.\d+ for 0\.2"):
+        damped = own.damped(asked)
+    assert damped.remarks[-1].startswith("damping: ratios of tied modes are missed at ")
+    assert np.all(damped.damping >= 0.0)
+    assert np.all(own.damped(0.0).damping == 0.0)
+
+
+def test_tied_modes_below_a_fine_mesh():
+    """The suspension of a pin whose highest mode has 600 MHz, 3e7 times as much."""
+    M, K = pin(80)
+    own = Structure.from_matrices(M, K, normal={80: 1.0}, tangential={162: 1.0, 40: 1e-3}, load={80: -1.0})
+    frequency, _ = own.damped(0.01).tied_damping
+    M, K = pin(20)
+    other = Structure.from_matrices(M, K, normal={20: 1.0}, tangential={42: 1.0, 10: 1e-3}, load={20: -1.0})
+    np.testing.assert_allclose(frequency[:2], other.damped(0.01).tied_damping[0][:2], rtol=1e-4)
 
 
 @pytest.mark.slow
