@@ -109,9 +109,9 @@ def described(own: Structure) -> Iterator[str]:
     found["damping"] = "by mode" if own.rayleigh is None else f"d1 = {own.d1:g} 1/s, d2 = {own.d2:g} s"
     found["drive"] = "the base moves" if own.inertia.any() else "a rigid surface slides past"
     yield "\n" + columns([(name, str(value)) for name, value in found.items()])
-    heads, tied = ("tied mode", "frequency Hz", "damping ratio"), zip(*own.tied_damping, strict=True)
-    rows = [(f"{k}", f"{hertz:.6g}", f"{ratio:.4g}") for k, (hertz, ratio) in enumerate(tied, 1)]
-    yield "\n" + columns([heads, *rows[:MOST]]) if rows else ""
+    both = enumerate(zip(*own.tied_damping, strict=True), 1)
+    tied = [(f"{k}", f"{hertz:.6g}", f"{ratio:.4g}") for k, (hertz, ratio) in both]
+    yield "\n" + columns([("tied mode", "frequency Hz", "damping ratio"), *tied[:MOST]]) if tied else ""
     yield from (f"remark: {remark}" for remark in own.remarks)
     if own.static:
         yield f"remark: modes above {own.frequency[-1]:.6g} Hz act by their static compliance"
