@@ -402,6 +402,10 @@ def _modal(
         checks.between(name, value, 0.0, 1e12, unit)
         for name, value, unit in (("d1", rayleigh[0], "1/s"), ("d2", rayleigh[1], "s"))
     )
+    if len(stiffness) == 1 and stiffness[0] == 0.0:
+        raise InputError(
+            "frequency: the only mode is rigid, so that nothing vibrates; give more, or a higher fmax"
+        )
     for name, row in (("normal", normal), ("tangential", tangential), ("load", load)):
         if not row.any():
             raise InputError(f"{name}: it must not be zero for every mode")
@@ -424,8 +428,11 @@ def _modal(
     if not structure.preload > 0.0:
         raise InputError(
             f"load: with it the contact opens (normal force {structure.preload:.3g} for a unit load);"
-            " change the sign of load or normal"
+            " change the sign of load or normal, or where it acts"
         )
+    if not 1e-12 <= structure.preload <= 1e12:
+        text = f"{structure.preload:.3g} for a unit load; it must be from 1e-12 to 1e12"
+        raise InputError(f"load: with it and normal the normal force at rest is {text}")
     return structure
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import linalg, sparse
 
-from fivcore import DampingWarning, InputError, Rig, Scene, Structure, flutter_onsets, simulate
+from fivcore import DampingWarning, Friction, InputError, Rig, Scene, Structure, flutter_onsets, simulate
 from tests.helpers.plate import plate
 from tests.helpers.reference import assemble
 
@@ -366,6 +366,9 @@ WRONG_MODES = [
     ({"frequency": [0.0, -1.0]}, "frequency = -1: it must be 0 or above"),
     ({"frequency": []}, "frequency of shape (0,)"),
     ({"normal": [1.0]}, "normal of shape (1,): it must be a row of 2 finite numbers"),
+    ({name: [1.0] for name in OSCILLATOR} | {"frequency": [0.0]}, "the only mode is rigid"),
+    ({"load": [-1e99, 0.0]}, "the normal force at rest is 1e+99 for a unit load; it must be from 1e-12 to 1e12"),
+    ({"normal": [1e99, 0.0]}, "the normal force at rest is 1e-99 for a unit load; it must be"),
     ({"frequency": [0.0, 0.0]}, "1 rigid motion(s) that the closed contact does not hold"),
 ]
 
@@ -384,6 +387,31 @@ def test_wrong_modes_are_refused_in_one_line(given, message):
     with pytest.raises(InputError) as caught:
         Structure.from_modes(**OSCILLATOR | given)
     assert message in str(caught.value)
+
+
+ONE = Structure.from_modes([100.0], [1.0], [0.5], load=[-1.0])
+TWO = Structure.from_modes([0.0, 100.0], [1.0, 0.3], [0.2, 1.0], load=[-1.0, 0.0])
+PARALLEL = Structure.from_modes([100.0, 300.0, 700.0], [1.0, 0.5, 0.3], [2.0, 1.0, 0.6], load=[-1.0, -0.2, 0.0])
+
+
+@pytest.mark.parametrize("method", ["fast", "exact"])
+@pytest.mark.parametrize("friction", [Friction(), Friction(0.5, 0.02)])
+@pytest.mark.parametrize("structure", [ONE, PARALLEL])
+def test_a_contact_that_cannot_slip_is_refused(structure, friction, method):
+    for cutoff in (None, 1e5):
+        with pytest.raises(InputError, match=r"^tangential: in all modes it is one multiple of normal") as caught:
+            simulate(Scene(1e-3, 0.0, 0.3, 9.0, structure, friction), 0.01, method, cutoff=cutoff)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("method", ["fast", "exact"])
+def test_cut_offs_of_two_modes(method):
+    """Above both the structure is complete; below one it is not enough."""
+    scene = Scene(1e-3, 0.0, 0.3, 9.0, TWO)
+    whole, cut = (simulate(scene, 0.01, method, cutoff=cutoff, record=True) for cutoff in (None, 1e5))
+    assert np.array_equal(whole.tangential_force, cut.tangential_force)
+    with pytest.raises(InputError, match=r"^cutoff = 50: it must be above 100 Hz, so that 2 modes are kept"):
+        simulate(scene, 0.01, method, cutoff=50.0)
 
 
 def test_theta_belongs_to_the_modes():
