@@ -11,7 +11,8 @@ above all others have it (`static_modes`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from hashlib import sha256
@@ -24,8 +25,9 @@ from scipy import linalg, sparse
 from fivcore import checks
 from fivcore.beams.elements import axial
 from fivcore.beams.modes import contact_modes, one_blas_thread, rig_bases
-from fivcore.errors import InputError
-from fivcore.finite_elements import DENSE, checked_matrix, lowest_modes, static_modes
+from fivcore.damping import SHARE, fitted, tied_modes, tied_ratios
+from fivcore.errors import DampingWarning, InputError
+from fivcore.finite_elements import DENSE, checked_matrix, free_rows, lowest_modes, static_modes
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig, Structural, html_table
 from fivcore.structure_files import structure_arguments
@@ -141,12 +143,16 @@ class Structure(Structural, ReadOnlyArrays):
         d2: float = 0.0,
         damping_ratio: Any = None,
         fmax: float | None = None,
+        names: Sequence[str] | None = None,
     ) -> Structure:
         """Compute the modes of a finite-element model with its contact open.
 
-        Modes up to `fmax` are computed by shift and invert, all of them where there are at most 600 degrees of
-        freedom and no `fmax`; the others act by their static compliance at contact and load, from the same
-        factorisation.
+        Modes up to `fmax` are computed, all of them where there are at most 600 degrees of freedom and no `fmax`;
+        the others act by their static compliance at contact and load. Larger models are solved by shift and
+        invert, and no mode is missing: there are as many as stiffness - (2 pi fmax)^2 mass has negative pivots. A
+        motion is rigid if its strain energy is within rounding of the stiffness; a remark says up to which
+        frequency. Degrees of freedom beside whose stiffness all others are rounding, as with Abaqus' 1e36, are
+        held and left out.
 
         Parameters
         ----------
@@ -161,11 +167,15 @@ class Structure(Structural, ReadOnlyArrays):
             As for `from_modes`.
         fmax : float, optional
             Highest frequency of a mode, Hz. Default: 10 kHz for more than 600 degrees of freedom.
+        names : sequence of str, (n,), optional
+            What messages call the degrees of freedom. Default: "degree of freedom 7", from 0.
 
         Raises
         ------
         ValueError
             Naming the argument, its value and what is allowed, or the motion that nothing holds.
+        ArithmeticError
+            Where the modes that were found are not as many as there are.
         """
         M = checked_matrix("mass", mass, None)
         n = M.shape[0]
@@ -173,16 +183,26 @@ class Structure(Structural, ReadOnlyArrays):
         C = None if damping is None else checked_matrix("damping", damping, n)
         given = {"normal": normal, "tangential": tangential, "load": load, "output": output, "drive": drive}
         rows = {name: _over_dofs(name, row, n) for name, row in given.items() if row is not None}
+        if names is not None and len(names) != n:
+            raise InputError(f"names: there are {len(names)}; it must be {n}, one for each degree of freedom")
+        remarks, free, diagonal = tuple[str, ...](), free_rows(K), K.diagonal()
+        name = np.array([f"degree of freedom {dof}" for dof in range(n)] if names is None else names)[free]
+        if not free.all():
+            M, K, C = (None if each is None else each[free][:, free] for each in (M, K, C))
+            rows = {each: row[free] for each, row in rows.items()}
+            remarks = (f"stiffness: {n - len(name)} degrees of freedom are held, with {diagonal.max():g}",)
         contact = np.stack([rows["normal"], rows["tangential"], rows["load"]])
         band = None if fmax is None else checks.band(fmax)
         band = 10e3 if band is None and n > DENSE else band
-        values, vectors, compliance = lowest_modes(M, K, band, contact)
+        values, vectors, compliance, rigid = lowest_modes(M, K, band, contact, name)
+        if rigid:
+            remarks += (f"stiffness: motions below {rigid:.2g} Hz, which is its rounding, count as rigid",)
         own = contact @ vectors
-        output_row, drive_row = rows.get("output", rows["tangential"]), rows.get("drive", np.zeros(n))
+        output_row, drive_row = rows.get("output", rows["tangential"]), rows.get("drive", np.zeros(len(name)))
         inertia, read = -drive_row @ vectors, output_row @ vectors
-        structure = _modal(values, list(own), inertia, read, (d1, d2), damping_ratio, compliance, vectors)
+        structure = _modal(values, list(own), inertia, read, (d1, d2), damping_ratio, compliance, vectors, name)
         if C is None:
-            return structure
+            return replace(structure, remarks=remarks)
         by_modes = vectors.T @ (C @ vectors)
         diagonal = np.diag(by_modes)
         if diagonal.min() < -1e-9 * np.abs(by_modes).max():
@@ -190,7 +210,7 @@ class Structure(Structural, ReadOnlyArrays):
         coupling = float(np.abs(by_modes - np.diag(diagonal)).max() / max(diagonal.max(), 1e-300))
         text = f"damping: coupling of modes is left out, at most {coupling:.3g} of the largest term"
         added = np.pad(np.maximum(diagonal, 0.0), (0, structure.static))
-        return replace(structure, damping=structure.damping + added, rayleigh=None, remarks=(text,))
+        return replace(structure, damping=structure.damping + added, rayleigh=None, remarks=(*remarks, text))
 
     @classmethod
     def read(cls, path: str | Path) -> Structure:
@@ -201,9 +221,10 @@ class Structure(Structural, ReadOnlyArrays):
 
     @cached_property
     def digest(self) -> str:
-        """Digest of all numbers."""
+        """Digest of all numbers, and of the law of damping, by which stability is computed."""
         rows = [getattr(self, name) for name in ("stiffness", "damping", *ROWS)]
-        return sha256(np.stack(rows).tobytes() + bytes([self.static])).hexdigest()
+        law = np.array(self.rayleigh or (np.nan, np.nan))
+        return sha256(np.stack(rows).tobytes() + law.tobytes() + bytes([self.static])).hexdigest()
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers as lists, from which `from_dict` makes an equal structure."""
@@ -288,23 +309,46 @@ class Structure(Structural, ReadOnlyArrays):
     def damped(self, damping_ratio: Any, of: str = "tied") -> Structure:
         """Replace the damping by ratios of the modes with the contact tied in both directions, or free.
 
-        Measured ratios are those of the assembled, tied structure. Their damping matrix is used by its diagonal in
-        the free modes. `damping_ratio` is one number, or one for each mode, ascending in frequency.
+        Measured ratios are those of the assembled, tied structure. Damping by mode that gives them is found by
+        least squares, first of all for tied modes below 0.8 of the highest frequency computed; `tied_damping` has
+        what came of it. `damping_ratio` is one number, or one for each mode, ascending in frequency.
+
+        Warns
+        -----
+        DampingWarning
+            If a tied mode below 0.8 of the highest frequency misses its ratio by more than 10 %; a remark says so
+            of those above, too.
         """
         checks.choice("of", of, ("tied", "free"))
         m = len(self.frequency)
         if of == "free":
             added = 2.0 * _ratios(damping_ratio, m) * np.sqrt(self.stiffness[:m])
             return replace(self, damping=np.pad(added, (0, self.static)), rayleigh=None)
-        weights = np.stack([self.normal, self.tangential])
-        held = linalg.null_space(weights / np.abs(weights).max(axis=1, keepdims=True))
-        values, y = np.linalg.eigh(held.T @ (self.stiffness[:, None] * held))
-        shapes = held @ y
+        values, shapes = self._tied
         ratios = _ratios(damping_ratio, len(values))
-        matrix = (shapes * (2.0 * ratios * np.sqrt(np.maximum(values, 0.0)))) @ shapes.T
-        damping = np.diag(matrix).copy()
-        damping[m:] = 0.0
-        return replace(self, damping=damping, rayleigh=None)
+        found = fitted(ratios, self.stiffness[:m], values, shapes)
+        structure = replace(self, damping=np.pad(found, (0, self.static)), rayleigh=None)
+        frequency, given = structure.tied_damping
+        missed = np.abs(given - ratios) > 0.1 * ratios
+        if not missed.any():
+            return structure
+        each = [f"{a:.6g} Hz: {b:.3g} for {c:.3g}" for a, b, c in np.stack([frequency, given, ratios]).T[missed]]
+        text = f"damping: ratios of tied modes are missed at {', '.join(each)}; compute more modes (fmax)"
+        if np.any(missed & (frequency < SHARE * self.frequency[-1])):
+            warnings.warn(text, DampingWarning, stacklevel=2)
+        return replace(structure, remarks=(*structure.remarks, text))
+
+    @cached_property
+    def _tied(self) -> tuple[Array, Array]:
+        """Squared angular frequencies and shapes of the modes with the contact tied in both directions."""
+        return tied_modes(self.stiffness, np.stack([self.normal, self.tangential]), self.static)
+
+    @property
+    def tied_damping(self) -> tuple[Array, Array]:
+        """Frequencies, Hz, and damping ratios, to first order, of the modes with the contact tied, each (k,)."""
+        values, shapes = self._tied
+        ratios = tied_ratios(self.damping[: len(shapes)], values, shapes)
+        return np.sqrt(values) / (2.0 * np.pi), ratios
 
 
 def _row(name: str, value: Any, n: int | None) -> Array:
@@ -347,6 +391,7 @@ def _modal(
     damping_ratio: Any,
     compliance: Array | None = None,
     vectors: Array | None = None,
+    names: Any = None,
 ) -> Structure:
     """A checked structure of modes with contact and load `rows`; `compliance` (3, 3) of the others."""
     order = np.argsort(stiffness, kind="stable")
@@ -357,6 +402,10 @@ def _modal(
         checks.between(name, value, 0.0, 1e12, unit)
         for name, value, unit in (("d1", rayleigh[0], "1/s"), ("d2", rayleigh[1], "s"))
     )
+    if len(stiffness) == 1 and stiffness[0] == 0.0:
+        raise InputError(
+            "frequency: the only mode is rigid, so that nothing vibrates; give more, or a higher fmax"
+        )
     for name, row in (("normal", normal), ("tangential", tangential), ("load", load)):
         if not row.any():
             raise InputError(f"{name}: it must not be zero for every mode")
@@ -373,18 +422,21 @@ def _modal(
     if by_mode:
         m = len(stiffness) - static
         damping[:m] += 2.0 * _ratios(damping_ratio, m) * np.sqrt(stiffness[:m])
-    _held(stiffness, normal, load, vectors)
+    _held(stiffness, normal, vectors, names)
     own = None if by_mode else (d1, d2)
     structure = Structure(stiffness, damping, normal, tangential, inertia, output, load, own, static)
     if not structure.preload > 0.0:
         raise InputError(
             f"load: with it the contact opens (normal force {structure.preload:.3g} for a unit load);"
-            " change the sign of load or normal"
+            " change the sign of load or normal, or where it acts"
         )
+    if not 1e-12 <= structure.preload <= 1e12:
+        text = f"{structure.preload:.3g} for a unit load; it must be from 1e-12 to 1e12"
+        raise InputError(f"load: with it and normal the normal force at rest is {text}")
     return structure
 
 
-def _held(stiffness: Array, normal: Array, load: Array, vectors: Array | None) -> None:
+def _held(stiffness: Array, normal: Array, vectors: Array | None, names: Any) -> None:
     """Raise unless the closed contact prevents every rigid motion; at most one of them may move the normal gap."""
     rigid = np.flatnonzero(stiffness == 0.0)
     if not len(rigid):
@@ -395,7 +447,7 @@ def _held(stiffness: Array, normal: Array, load: Array, vectors: Array | None) -
         text = f"{free.shape[1]} rigid motion(s) that the closed contact does not hold"
         if vectors is not None:
             moved = np.abs(vectors[:, rigid] @ free[:, 0])
-            text += f"; one moves degree of freedom {int(moved.argmax())} most"
+            text += f"; one moves {names[moved.argmax()]} most"
         raise InputError(f"stiffness: {text}: support the structure")
 
 

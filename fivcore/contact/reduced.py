@@ -220,15 +220,20 @@ def reduced_model(rig: Structural, theta: float, cutoff: float | None = None) ->
     full, all_kept = full_model(rig, theta), cutoff is None and not isinstance(rig, Rig)
     cutoff = default_cutoff(rig) if cutoff is None else cutoff
     kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
-    if kept.sum() < 3 and not all_kept:
-        lowest = float(np.sqrt(np.sort(full.stiffness)[2])) / (2.0 * np.pi)
+    least = min(3, len(kept))
+    if kept.sum() < least and not all_kept:
+        lowest = float(np.sqrt(np.sort(full.stiffness)[least - 1])) / (2.0 * np.pi)
         raise SceneValueError(
-            f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that three modes of this rig are kept"
+            f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that {least} modes are kept"
         )
     flexibility = residual_flexibility(full.stiffness[~kept], *full.shapes[:, ~kept])
     # One or two modes have no residual of rank two; with them the finite elements are complete. Its condition
     # number is usually about 3; of a flexibility at 1e8 the inverse has half its digits.
     if ((~kept).sum() <= 2 and not all_kept) or kept.all() or np.linalg.cond(flexibility) > 1e8:
+        W = full.shapes[:, kept] @ full.shapes[:, kept].T
+        if np.linalg.det(W) < 1e-8 * W[0, 0] * W[1, 1]:
+            text = "in all modes it is one multiple of normal, so that a closed contact cannot slip"
+            raise SceneValueError(f"tangential: {text}; give more modes")
         return full
     modal, K = {name: getattr(full, name)[kept] for name in MODAL}, np.asarray(np.linalg.inv(flexibility))
     gap = 0.0 if full.stiffness.min() == 0.0 else float(np.sum((full.normal * full.load / full.stiffness)[~kept]))

@@ -87,7 +87,7 @@ def structure(file: str, out: str | None, fmax: str, mu: float) -> None:
 
 
 def described(own: Structure) -> Iterator[str]:
-    """Its modes, what the contact moves, preload and rigid motions, as lines."""
+    """Its modes, what the contact moves, preload, rigid motions, and damping with the contact tied, as lines."""
     import numpy as np
 
     yield f"{own!r}\ndigest {own.digest}\n"
@@ -111,6 +111,9 @@ def described(own: Structure) -> Iterator[str]:
     found["damping"] = "by mode" if own.rayleigh is None else f"d1 = {own.d1:g} 1/s, d2 = {own.d2:g} s"
     found["drive"] = "the base moves" if own.inertia.any() else "a rigid surface slides past"
     yield "\n" + columns([(name, str(value)) for name, value in found.items()])
+    both = enumerate(zip(*own.tied_damping, strict=True), 1)
+    tied = [(f"{k}", f"{hertz:.6g}", f"{ratio:.4g}") for k, (hertz, ratio) in both]
+    yield "\n" + columns([("tied mode", "frequency Hz", "damping ratio"), *tied[:MOST]]) if tied else ""
     yield from (f"remark: {remark}" for remark in own.remarks)
     if own.static:
         yield f"remark: modes above {own.frequency[-1]:.6g} Hz act by their static compliance"
