@@ -33,9 +33,12 @@ from fivcore.structure import structure_of
 MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "point_b", "load")
 # Default step of `fast` in units of the contact's own time 1 / omega (with 1.75 the paper's rig balances its
 # energy to 0.3 %, with 1.92 to 1 %); without a dashpot, which damps the step's energy error; of a rigid contact,
-# in units of the fastest mode's time: of the beams, and of few modes, which all matter; and the largest step,
-# below the 2.389 at which the paper's rig loses its stability in stick (`step_map`), for any mu.
-STEP, ELASTIC_STEP, RIGID_STEP, FEW_STEP, LIMIT = 1.75, 0.3, 0.5, 0.1, 2.35
+# in units of the fastest mode's time; and the largest step, below the 2.389 at which the paper's rig loses its
+# stability in stick (`step_map`), for any mu.
+STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 1.75, 0.3, 0.5, 2.35
+# Of a structure in rigid contact, likewise, for each elastic mode and at most: blocks on belts have periods and
+# sticks within 1e-3 (with twice as much 2.5e-3), and up to 20 modes no run takes longer than one with 20.
+FEW_STEP, MANY_STEP = 0.005, 0.1
 # Statistics are sampled so often, s; where a default step is not longer, a whole number of them fills the time.
 INTERVAL = 20e-6
 # Hz. With SHARE of the frequency that follows from it the largest error of a share of time is below 0.008 on half
@@ -184,10 +187,10 @@ def full_model(rig: Structural, theta: float) -> ReducedModel:
     """Return the structure itself, every mode in rigid contact; loads are in units of the preload."""
     own = structure_of(rig, theta)
     kept, none = np.ones(len(own.stiffness), dtype=bool), np.zeros((2, 2))
-    load = own.load / own.preload
+    load, few = own.load / own.preload, FEW_STEP * max(int(np.sum(own.stiffness > 0.0)), 1)
     return ReducedModel(
         own.stiffness, own.damping, own.normal, own.tangential, own.inertia, own.output, load, kept, none, none,
-        INTERVAL * own.time_unit, rigid_step=RIGID_STEP if isinstance(rig, Rig) else FEW_STEP,
+        INTERVAL * own.time_unit, rigid_step=RIGID_STEP if isinstance(rig, Rig) else min(few, MANY_STEP),
     )  # fmt: skip
 
 
