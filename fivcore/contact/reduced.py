@@ -185,7 +185,7 @@ def _painleve_mu(model: ReducedModel, step: float) -> float:
 @lru_cache(maxsize=64)
 def full_model(rig: Structural, theta: float) -> ReducedModel:
     """Return the structure itself, every mode in rigid contact; loads are in units of the preload."""
-    own = structure_of(rig, theta)
+    own = structure_of(rig, theta).motion
     kept, none = np.ones(len(own.stiffness), dtype=bool), np.zeros((2, 2))
     load, few = own.load / own.preload, FEW_STEP * max(int(np.sum(own.stiffness > 0.0)), 1)
     return ReducedModel(
@@ -200,10 +200,12 @@ def default_cutoff(rig: Structural) -> float:
     That is the first above `LEAST_CUTOFF`, but not below the third, 5 c / (4 L), which keeps an impact's reflected
     axial wave. Of large beams less is enough: the frequency at which the bending waves of one of them are four
     thicknesses long, where Euler-Bernoulli theory has ended, replaces `LEAST_CUTOFF` if it is lower. For the
-    paper's rig: 94 kHz. Of a structure all modes are kept that were computed.
+    paper's rig: 94 kHz. A structure from matrices keeps the modes that motion needs (`fivcore.structure`), one
+    from modes all.
     """
     if not isinstance(rig, Rig):
-        return 1e3 * float(structure_of(rig, 0.0).frequency[-1])
+        own = structure_of(rig, 0.0)
+        return own.cutoff or 1e3 * float(own.motion.frequency[-1])
     speeds = [(beam, float(np.sqrt(beam.young_modulus / beam.density))) for beam in (rig.p1, rig.p2)]
     slender = min(np.pi / (8.0 * np.sqrt(12.0)) * c / beam.thickness for beam, c in speeds)
     below = 0.97 * speeds[0][1] / (4.0 * rig.p1.length)
@@ -220,18 +222,22 @@ def reduced_model(rig: Structural, theta: float, cutoff: float | None = None) ->
     SceneValueError
         For a cut-off that keeps fewer than three modes.
     """
-    full, all_kept = full_model(rig, theta), cutoff is None and not isinstance(rig, Rig)
+    full, own = full_model(rig, theta), structure_of(rig, theta).motion
     cutoff = default_cutoff(rig) if cutoff is None else cutoff
-    kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
-    if kept.sum() < 3 and not all_kept:
-        lowest = float(np.sqrt(np.sort(full.stiffness)[2])) / (2.0 * np.pi)
+    kept, modes = full.stiffness < (2.0 * np.pi * cutoff) ** 2, len(full.stiffness) - own.static
+    # Static modes stand for a residual.
+    kept[modes:] = False
+    if kept.sum() < (least := min(modes, 3)):
+        lowest = float(np.sqrt(np.sort(full.stiffness)[least - 1])) / (2.0 * np.pi)
+        number = ("one mode", "two modes", "three modes")[least - 1]
         raise SceneValueError(
-            f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that three modes of this rig are kept"
+            f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that {number} of this rig are kept"
         )
     flexibility = residual_flexibility(full.stiffness[~kept], *full.shapes[:, ~kept])
     # One or two modes have no residual of rank two; with them the finite elements are complete. Its condition
     # number is usually about 3; of a flexibility at 1e8 the inverse has half its digits.
-    if ((~kept).sum() <= 2 and not all_kept) or kept.all() or np.linalg.cond(flexibility) > 1e8:
+    complete = (~kept).sum() <= 2 and not own.static
+    if complete or kept.all() or np.linalg.cond(flexibility) > 1e8:
         return full
     modal, K = {name: getattr(full, name)[kept] for name in MODAL}, np.asarray(np.linalg.inv(flexibility))
     gap = 0.0 if full.stiffness.min() == 0.0 else float(np.sum((full.normal * full.load / full.stiffness)[~kept]))

@@ -225,11 +225,12 @@ def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
         q, v = np.asarray(q), np.asarray(v)
     except (TypeError, ValueError):
         raise InputError("initial: it must be modal displacements, modal velocities and a contact state") from None
-    own = structure_of(scene.rig, scene.theta)
+    band = structure_of(scene.rig, scene.theta)
+    own, fewer = band.motion, len(band.frequency)
     modes = len(own.frequency)
     for name, part in (("displacements", q), ("velocities", v)):
         if (
-            part.shape not in {(modes,), (modes + own.static,)}
+            part.shape not in {(modes,), (modes + own.static,), (fewer,)}
             or part.dtype.kind not in "iuf"
             or not np.all(np.abs(part) < 1e50)
         ):
