@@ -430,8 +430,8 @@ def _with_matrix(found: Structure, by_modes: Array) -> Structure:
     return replace(found, damping=found.damping + added, rayleigh=None, remarks=(text,))
 
 
-def motion_cutoff(own: Structure, most: int = MOST_MODES) -> float | None:
-    """Frequency above `MOTION_MODES` modes that move the gaps, and at most `most` in all, Hz, to three digits.
+def motion_cutoff(own: Structure, most: int = MOST_MODES, number: int = MOTION_MODES) -> float | None:
+    """Frequency above `number` modes that move the gaps, and at most `most` in all, Hz, to three digits.
 
     None: there are fewer. The same whatever modes follow.
     """
@@ -439,7 +439,7 @@ def motion_cutoff(own: Structure, most: int = MOST_MODES) -> float | None:
     gaps = np.stack([own.normal[:m], own.tangential[:m]]) ** 2
     mean = np.cumsum(gaps, axis=1) / np.arange(1, m + 1)
     moving = np.flatnonzero(np.any((gaps > PART * mean) & (gaps > 0.0), axis=0))
-    last = min([most - 1, *moving[MOTION_MODES - 1 : MOTION_MODES].tolist()])
+    last = min([most - 1, *moving[number - 1 : number].tolist()])
     return float(f"{own.frequency[last : last + 2].mean():.3g}") if m > last + 1 else None
 
 

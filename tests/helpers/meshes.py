@@ -76,10 +76,10 @@ def model(seed: int) -> tuple[Any, Any, dict[str, Any]]:
         rows |= {"normal": {tip + 1: 1.0, under + 1: -1.0}, "tangential": {tip: 1.0, under: -1.0}}
         rows |= {"load": {0: -1.0}, "drive": M @ moved}
     else:
-        # A strip in plane stress that leans on its lower corner.
+        # A slender strip in plane stress that leans on its lower corner.
         high, length = int(rng.integers(2, 7)), 10.0 ** rng.uniform(-1.5, -0.7)
         wide = max(int(size / (2 * high + 2)), 10)
-        M, K = plate(wide, high, length, length / 10.0 ** rng.uniform(0.8, 1.4))
+        M, K = plate(wide, high, length, length / 10.0 ** rng.uniform(1.2, 1.7))
         x, c, s = M.shape[0] - 2 * (high + 1), np.cos(lean), np.sin(lean)
         rows |= {"normal": {x: s, x + 1: c}, "tangential": {x: c, x + 1: -s}}
         rows |= {"load": {M.shape[0] - 2: -s, M.shape[0] - 1: -c}}
@@ -99,12 +99,13 @@ def vibrating(seed: int) -> Scene | None:
 
     The drive loads the stuck contact until it slips within 20 to 200 periods of that flutter.
     """
-    rng, own = np.random.default_rng(10_000 + seed), structure(seed, 30e3)
-    for each in (own, own.mirrored()):
-        found = flutter_onsets(each, 0.0, float(each.frequency[each.frequency > 0.0][4]), 0.5)
+    rng, own = np.random.default_rng(10_000 + seed), structure(seed, 200e3)
+    lowest = float(own.frequency[own.frequency > 0.0][:5][-1])
+    for sense, each in ((1.0, own), (-1.0, own.mirrored())):
+        found = flutter_onsets(each, 0.0, lowest, 0.5)
         if len(found.mu):
             mu, periods = float(found.mu[0] * rng.uniform(1.2, 1.8)), 10.0 ** rng.uniform(1.3, 2.3)
             scene = Normalised.of(Scene(1.0, 0.0, mu, 10.0, each))
             speed = slip_distance(scene) * scene.load * float(found.frequency[0]) / periods
-            return Scene(speed, 0.0, mu, 10.0, each)
+            return Scene(sense * speed, 0.0, mu, 10.0, own)
     return None

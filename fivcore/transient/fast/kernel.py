@@ -201,13 +201,13 @@ def locate(scene: Any, law: Any, was: int, p: float, N: float, vN: float, vT: fl
     """
     if was == SEPARATION:
         return crossing(scene.last_p, p)
-    if was == STICK:
+    if was == STICK and N > 0.0:
         hold_N, hold_T = holding(scene, vN, vT)
         left, before = scene.mu * hold_N - abs(hold_T), scene.last_left
-        slips = 1.0
-        if before > left:
-            slips = min(max(before / (before - left) - 0.5, 0.0), 1.0)
-        return min(crossing(scene.last_N, N), slips)
+        # The trial's T may be off by half a step's change, which ends stick a step too early or too late.
+        return min(max(before / (before - left) - 0.5, -0.5), 1.5) if before > left else 1.0
+    if was == STICK:
+        return crossing(scene.last_N, N)
     speed, N = going_on(scene, law, vN, vT, slip_rate)
     return min(crossing(scene.last_N, N), crossing(-np.sign(scene.last_T) * slip_rate, speed))
 

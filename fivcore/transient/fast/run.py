@@ -467,13 +467,13 @@ def default_step(model: ReducedModel, scene: Normalised, duration: float) -> flo
     """Step of a run, s; a rigid contact, whose step follows the modes alone, may need a shorter one.
 
     It is at most a hundredth of the duration, and a quarter of the time V / (mu N / m) in which friction takes the
-    contact's mass along; where that is very short, a hundredth of what the modes need.
+    contact's mass along, or where that is very short, 1e-4 of what the modes need.
     """
     step = model.default_step
     if model.K.any() or isinstance(scene.rig, Rig):
         return step
     catching = scene.speed_per_load / max(scene.mu * float(model.W[1, 1]), 1e-300)
-    return min(step, max(0.25 * catching, 0.01 * step), 0.01 * duration)
+    return min(step, max(0.25 * catching, 1e-4 * step), 0.01 * duration)
 
 
 def check_falling(model: ReducedModel, scene: Normalised, step: float) -> None:
