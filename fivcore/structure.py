@@ -35,7 +35,7 @@ from fivcore.structure_files import structure_arguments
 MIDDLE = 5e3
 ROWS = ("normal", "tangential", "inertia", "output", "load")
 # Modes that move the gaps below the default cut-off of motion (the paper's rig: 115 kHz); a mode does if its share
-# of a gap's inverse mass is above PART of the mean up to it (`python -m tests.benchmarks cutoffs`).
+# of a gap's inverse mass is above PART of the mean up to it (`python -m tests.benchmarks constants`).
 MOTION_MODES, PART = 39, 1e-3
 # Most modes in motion, whether they move the gaps or not.
 MOST_MODES = 400
@@ -221,13 +221,8 @@ class Structure(Structural, ReadOnlyArrays):
     def to_dict(self) -> dict[str, Any]:
         """All numbers as lists, from which `from_dict` makes an equal structure."""
         rows = {name: getattr(self, name).tolist() for name in ("stiffness", "damping", *ROWS)}
-        own = {
-            "rayleigh": self.rayleigh,
-            "static": self.static,
-            "remarks": list(self.remarks),
-            "cutoff": self.cutoff,
-        }
-        return rows | own | {"wider": self.wider.to_dict() if self.wider else None}
+        own = {"rayleigh": self.rayleigh, "static": self.static, "remarks": list(self.remarks)}
+        return rows | own | {"cutoff": self.cutoff, "wider": self.wider.to_dict() if self.wider else None}
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Structure:
@@ -321,13 +316,11 @@ class Structure(Structural, ReadOnlyArrays):
         """
         checks.choice("of", of, ("tied", "free"))
         m = len(self.frequency)
-        wider = self.wider
+        wider, further = self.wider, damping_ratio
         if wider is not None:
-            more = len(wider.frequency) - m
-            further = (
-                damping_ratio if np.ndim(damping_ratio) == 0 else np.pad(damping_ratio, (0, more), mode="edge")
-            )
-            wider = wider.damped(further, of)
+            # Further modes have the last ratio.
+            more = (0, len(wider.frequency) - m)
+            wider = wider.damped(np.pad(further, more, mode="edge") if np.ndim(further) == 1 else further, of)
         if of == "free":
             added = 2.0 * _ratios(damping_ratio, m) * np.sqrt(self.stiffness[:m])
             return replace(self, damping=np.pad(added, (0, self.static)), rayleigh=None, wider=wider)

@@ -151,10 +151,9 @@ OWN_CUTOFF_ERROR = 0.012
 
 def highest(rig: Structural) -> tuple[float, str]:
     """Default cut-off, Hz, and where it comes from."""
-    if isinstance(rig, Structure) and not (rig.cutoff or rig.wider):
-        return float(rig.frequency[-1]), "highest mode"
-    wider = rig.wider if isinstance(rig, Structure) else None
-    return float(wider.frequency[-1] if wider else default_cutoff(rig)), "default"
+    if not isinstance(rig, Structure) or rig.cutoff:
+        return default_cutoff(rig), "default"
+    return float(rig.motion.frequency[-1]), "default" if rig.wider else "highest mode"
 
 
 # Thresholds of the regimes, as `regime_of` states them.

@@ -16,7 +16,7 @@ import numpy as np
 
 from fivcore import Friction, Rig, Scene, simulate, simulate_many
 from fivcore.contact import reduced
-from fivcore.errors import SceneError
+from fivcore.errors import ContactError, SceneError
 from fivcore.jit import Array
 from fivcore.structure import MOTION_MODES, motion_cutoff
 from fivcore.transient import summary
@@ -58,10 +58,10 @@ def line(label: str, found: list[tuple[float, float]]) -> str:
     """Mean and largest error, and how many scenes are further off than 0.02 and two standard errors."""
     raw, beyond = np.array(found).T
     missed = int((beyond > 0.02).sum())
-    return f"  {label:16}{raw.mean():8.4f}{raw.max():8.3f}{beyond.max():8.3f}{missed:5d} of {len(raw)}"
+    return f"  {label:18}{raw.mean():8.4f}{raw.max():8.3f}{beyond.max():8.3f}{missed:5d} of {len(raw)}"
 
 
-HEAD = f"  {'':16}{'mean':>8}{'most':>8}{'beyond':>8}   further than .02 beyond 2 standard errors"
+HEAD = f"  {'':18}{'mean':>8}{'most':>8}{'beyond':>8}   further than .02 beyond 2 standard errors"
 
 
 def damped(ratio: float) -> Callable[[Any], Any]:
@@ -99,9 +99,9 @@ def rig_constants(full: bool) -> Iterator[str]:
     yield f"  mean error {means[0]:.4f}, expected {means[1]:.4f}"
 
 
-def vibrating(number: int) -> list[tuple[int, Scene]]:
-    """The first scenes of random meshes that vibrate."""
-    scenes = ((seed, meshes.vibrating(seed)) for seed in count())
+def vibrating(number: int, kinds: tuple[int, ...] = (0, 1)) -> list[tuple[int, Scene]]:
+    """The first scenes of random meshes of some of `meshes.KINDS` that vibrate."""
+    scenes = ((seed, meshes.vibrating(seed)) for seed in count() if seed % 3 in kinds)
     return list(islice(((seed, scene) for seed, scene in scenes if scene is not None), number))
 
 
@@ -112,7 +112,11 @@ def by_modes(seed: int, scene: Scene, numbers: tuple[int, ...]) -> dict[int, tup
     wide = meshes.structure(seed, 4.2 * default)
     top = min(4.0 * default, float(wide.frequency[-4]))
     scene, found = replace(scene, rig=wide), {}
-    reference = shares(scene, cutoff=top)
+    try:
+        reference = shares(scene, cutoff=top)
+    except ContactError:
+        # With more modes the contact force is not unique.
+        return {}
     for number in numbers:
         cutoff = motion_cutoff(wide, len(wide.frequency), number)
         if cutoff is not None and cutoff < 0.7 * top:
@@ -123,15 +127,17 @@ def by_modes(seed: int, scene: Scene, numbers: tuple[int, ...]) -> dict[int, tup
 def structure_constants(full: bool) -> Iterator[str]:
     """`MOTION_MODES`, and the expected error of a structure's shares."""
     numbers = (24, 30, MOTION_MODES, 50) if full else (MOTION_MODES,)
-    errors: dict[int, list[tuple[float, float]]] = {number: [] for number in numbers}
-    scenes = vibrating(30 if full else 4)
-    for seed, scene in scenes:
-        for number, found in by_modes(seed, scene, numbers).items():
-            errors[number].append(found)
     yield f"MOTION_MODES = {MOTION_MODES}, OWN_CUTOFF_ERROR = {summary.OWN_CUTOFF_ERROR:g}:"
-    yield f"  errors of shares of time on {len(scenes)} structures of random meshes"
+    yield "  errors of shares of time on structures of random meshes"
     yield HEAD
-    yield from (line(f"{number} modes", found) for number, found in errors.items() if found)
+    # Of strips the modes are dense, and the contact's dashpot outweighs a weak flutter.
+    for scenes in (vibrating(30 if full else 4), vibrating(5, (2,)) if full else []):
+        errors: dict[int, list[tuple[float, float]]] = {number: [] for number in numbers}
+        for seed, scene in scenes:
+            for number, found in by_modes(seed, scene, numbers).items():
+                errors[number].append(found)
+        names = ", strips" if scenes and scenes[0][0] % 3 == 2 else ""
+        yield from (line(f"{number} modes{names}", found) for number, found in errors.items() if found)
 
 
 def belts(step: float, full: bool) -> tuple[float, float]:

