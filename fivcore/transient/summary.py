@@ -47,9 +47,9 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
       is larger, over a thousandth of what the load stores at rest, P2's kinetic energy at V and what an initial
       state has beyond rest (`normalised.reference_energy`). That of "paper" has its own damping and its impacts,
       which are booked nowhere.
-    - `cutoff`: Hz, highest frequency of a mode. `cutoff_error`: expected error of the shares of time by the default
-      cut-off; 0 where the contact sticks or slides steadily; NaN where what higher modes would do is not known, and
-      `cutoff_origin` says why: "given"; "highest mode", of a structure from modes; "all modes", for "paper".
+    - `cutoff`: Hz, highest frequency of a mode; that of all modes for "paper". `cutoff_error`: expected error of
+      the shares of time by the default cut-off; 0 where the contact sticks or slides steadily, NaN for another, and
+      for a structure from modes, where what higher modes would do is not known: `cutoff_origin` is "highest mode".
     - `simulated_time`: s; `settled_early`: whether its rest was filled in as proved steady sliding.
     - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`observe.standard_errors`). In
       "stuck" and "steady sliding" 0 for shares, which are constant, and NaN for all else, for a decay has no
@@ -136,7 +136,7 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
         "settled_early": further > 0,
         "time_scale": float(unit),
     }
-    if origin != "default":
+    if origin == "highest mode":
         figures["cutoff_origin"] = origin
     scaled = ("velocity_rms", "mean_normal_force", "normal_force_999", "slip_speed_999")
     return figures | {f"{name}_se": F * error if name in scaled else error for name, error in errors.items()}
