@@ -48,8 +48,8 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
       state has beyond rest (`normalised.reference_energy`). That of "paper" has its own damping and its impacts,
       which are booked nowhere.
     - `cutoff`: Hz, highest frequency of a mode; that of all modes for "paper". `cutoff_error`: expected error of
-      the shares of time by the default cut-off; 0 where the contact sticks or slides steadily, NaN for another, and
-      for a structure from modes, where what higher modes would do is not known: `cutoff_origin` is "highest mode".
+      the shares of time by the default cut-off; 0 where the contact sticks or slides steadily, NaN for another.
+      Of a structure from modes NaN, too, and `cutoff_origin` is "highest mode": what others would do is unknown.
     - `simulated_time`: s; `settled_early`: whether its rest was filled in as proved steady sliding.
     - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`observe.standard_errors`). In
       "stuck" and "steady sliding" 0 for shares, which are constant, and NaN for all else, for a decay has no
