@@ -9,6 +9,10 @@ The free move of a step does not wait for the step's contact law: the modes are 
 impulse, and the gaps get what it adds to them from three numbers. Modes that move the normal gap alone are moved
 before the law, the others after it, so the processor has work at any time while it solves the contact.
 
+In rigid contact of few modes steps are long beside the events. Where a contact status ends, the time between the
+last impulse and this one is divided linearly (`locate`), so that event times are of second order; the impulse also
+makes good the friction of the old status for too long or too short a time.
+
 Rows of a block of modes have a fixed distance, so the compiler knows that they do not overlap. Sums over modes may
 be reordered (`fivcore.jit.reordered`).
 """
