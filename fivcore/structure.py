@@ -6,13 +6,14 @@ of the drive), contact forces N and T and the load F,
     q'' + c q' + p q = n N + t T + l F + m X''.
 
 Modes that a finite-element model has beyond those that are computed act by their static compliance: two modes far
-above all others have it (`static_modes`).
+above all others have it (`static_modes`). Stability needs the modes of its band, motion those that take part in
+impacts: from matrices, `MOTION_MODES` modes that move the gaps.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from hashlib import sha256
@@ -35,6 +36,11 @@ from fivcore.structure_files import structure_arguments
 # Frequency at which times and bands are those of the beams, Hz.
 MIDDLE = 5e3
 ROWS = ("normal", "tangential", "inertia", "output", "load")
+# Modes that move the gaps below the default cut-off of motion (the paper's rig: 115 kHz); a mode does if its share
+# of a gap's inverse mass is above PART of the mean up to it (`python -m tests.benchmarks constants`).
+MOTION_MODES, PART = 39, 1e-3
+# Most modes in motion, whether they move the gaps or not.
+MOST_MODES = 400
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,6 +63,10 @@ class Structure(Structural, ReadOnlyArrays):
         How many modes, the last ones, are there for the static compliance of those that are not computed.
     remarks : tuple of str
         What was left out.
+    cutoff : float or None
+        Default cut-off of motion, Hz; None: the highest mode.
+    wider : Structure or None
+        The structure for motion, where that needs more modes than stability.
     """
 
     stiffness: Array
@@ -69,6 +79,8 @@ class Structure(Structural, ReadOnlyArrays):
     rayleigh: tuple[float, float] | None
     static: int = 0
     remarks: tuple[str, ...] = ()
+    cutoff: float | None = None
+    wider: Structure | None = None
 
     @classmethod
     def of(cls, rig: Rig, theta: float) -> Structure:
@@ -166,7 +178,8 @@ class Structure(Structural, ReadOnlyArrays):
         d1, d2, damping_ratio :
             As for `from_modes`.
         fmax : float, optional
-            Highest frequency of a mode, Hz. Default: 10 kHz for more than 600 degrees of freedom.
+            Highest frequency of a mode for stability, Hz. Default: 10 kHz for more than 600 degrees of freedom.
+            For motion as many modes are computed as it needs (`wider`).
         names : sequence of str, (n,), optional
             What messages call the degrees of freedom. Default: "degree of freedom 7", from 0.
 
@@ -194,23 +207,21 @@ class Structure(Structural, ReadOnlyArrays):
         contact = np.stack([rows["normal"], rows["tangential"], rows["load"]])
         band = None if fmax is None else checks.band(fmax)
         band = 10e3 if band is None and n > DENSE else band
-        values, vectors, compliance, rigid = lowest_modes(M, K, band, contact, name)
-        if rigid:
-            remarks += (f"stiffness: motions below {rigid:.2g} Hz, which is its rounding, count as rigid",)
-        own = contact @ vectors
         output_row, drive_row = rows.get("output", rows["tangential"]), rows.get("drive", np.zeros(len(name)))
-        inertia, read = -drive_row @ vectors, output_row @ vectors
-        structure = _modal(values, list(own), inertia, read, (d1, d2), damping_ratio, compliance, vectors, name)
-        if C is None:
-            return replace(structure, remarks=remarks)
-        by_modes = vectors.T @ (C @ vectors)
-        diagonal = np.diag(by_modes)
-        if diagonal.min() < -1e-9 * np.abs(by_modes).max():
-            raise InputError(f"damping: it gives a mode {diagonal.min():g} 1/s; it must not be negative")
-        coupling = float(np.abs(by_modes - np.diag(diagonal)).max() / max(diagonal.max(), 1e-300))
-        text = f"damping: coupling of modes is left out, at most {coupling:.3g} of the largest term"
-        added = np.pad(np.maximum(diagonal, 0.0), (0, structure.static))
-        return replace(structure, damping=structure.damping + added, rayleigh=None, remarks=(*remarks, text))
+
+        def up_to(top: float | None) -> Structure:
+            values, vectors, compliance, rigid = lowest_modes(M, K, top, contact, name)
+            ratio = damping_ratio
+            if np.ndim(ratio) == 1 and top != band:
+                # Further modes have the last ratio.
+                ratio = np.pad(ratio, (0, max(len(values) - len(ratio), 0)), mode="edge")
+            inertia, read, own = -drive_row @ vectors, output_row @ vectors, list(contact @ vectors)
+            found = _modal(values, own, inertia, read, (d1, d2), ratio, compliance, vectors, name)
+            text = f"stiffness: motions below {rigid:.2g} Hz, which is its rounding, count as rigid"
+            found = replace(found, remarks=(*remarks, text) if rigid else remarks)
+            return found if C is None else _with_matrix(found, vectors.T @ (C @ vectors))
+
+        return _for_motion(up_to(band), band, len(name), up_to)
 
     @classmethod
     def read(cls, path: str | Path) -> Structure:
@@ -223,20 +234,24 @@ class Structure(Structural, ReadOnlyArrays):
     def digest(self) -> str:
         """Digest of all numbers, and of the law of damping, by which stability is computed."""
         rows = [getattr(self, name) for name in ("stiffness", "damping", *ROWS)]
-        law = np.array(self.rayleigh or (np.nan, np.nan))
-        return sha256(np.stack(rows).tobytes() + law.tobytes() + bytes([self.static])).hexdigest()
+        content = np.stack(rows).tobytes() + np.array(self.rayleigh or (np.nan, np.nan)).tobytes()
+        content += bytes([self.static]) + (b"" if self.cutoff is None else f"cutoff {self.cutoff!r}".encode())
+        return sha256(content + (self.wider.digest.encode() if self.wider else b"")).hexdigest()
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers as lists, from which `from_dict` makes an equal structure."""
         rows = {name: getattr(self, name).tolist() for name in ("stiffness", "damping", *ROWS)}
-        return rows | {"rayleigh": self.rayleigh, "static": self.static, "remarks": list(self.remarks)}
+        own = {"rayleigh": self.rayleigh, "static": self.static, "remarks": list(self.remarks)}
+        return rows | own | {"cutoff": self.cutoff, "wider": self.wider.to_dict() if self.wider else None}
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Structure:
         """The structure of `to_dict`."""
-        rows = {name: np.array(content[name], dtype=float) for name in ("stiffness", "damping", *ROWS)}
+        rows: dict[str, Any] = {name: np.array(content[name], float) for name in ("stiffness", "damping", *ROWS)}
         rayleigh = None if content["rayleigh"] is None else (content["rayleigh"][0], content["rayleigh"][1])
-        return cls(**rows, rayleigh=rayleigh, static=int(content["static"]), remarks=tuple(content["remarks"]))
+        found = cls(**rows, rayleigh=rayleigh, static=int(content["static"]), remarks=tuple(content["remarks"]))
+        wider = content.get("wider")
+        return replace(found, cutoff=content.get("cutoff"), wider=cls.from_dict(wider) if wider else None)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Structure) and self.digest == other.digest
@@ -288,17 +303,24 @@ class Structure(Structural, ReadOnlyArrays):
         """With `added` s more stiffness damping."""
         own = self.stiffness * (np.arange(len(self.stiffness)) < len(self.frequency))
         rayleigh = None if self.rayleigh is None else (self.d1, self.d2 + added)
-        return replace(self, damping=self.damping + added * own, rayleigh=rayleigh)
+        wider = self.wider and self.wider.stiffly_damped(added)
+        return replace(self, damping=self.damping + added * own, rayleigh=rayleigh, wider=wider)
 
     def truncated(self) -> Structure:
         """Without the static compliance of the modes that are not computed."""
         kept = slice(len(self.frequency))
         rows = {name: getattr(self, name)[kept] for name in ("stiffness", "damping", *ROWS)}
-        return replace(self, **rows, static=0)
+        return replace(self, **rows, static=0, wider=self.wider and self.wider.truncated())
 
     def mirrored(self) -> Structure:
         """The structure seen in a mirror across the drive."""
-        return replace(self, tangential=-self.tangential, inertia=-self.inertia, output=-self.output)
+        turned = {name: -getattr(self, name) for name in ("tangential", "inertia", "output")}
+        return replace(self, **turned, wider=self.wider and self.wider.mirrored())
+
+    @property
+    def motion(self) -> Structure:
+        """The structure with the modes that motion has."""
+        return self.wider or self
 
     def receptances(self, frequency: Any, mu: float = 0.0) -> Any:
         """Gaps for a unit normal force with T = mu N at frequencies, Hz: h_NN + mu h_NT and h_TN + mu h_TT."""
@@ -321,13 +343,18 @@ class Structure(Structural, ReadOnlyArrays):
         """
         checks.choice("of", of, ("tied", "free"))
         m = len(self.frequency)
+        wider, further = self.wider, damping_ratio
+        if wider is not None:
+            # Further modes have the last ratio.
+            more = (0, len(wider.frequency) - m)
+            wider = wider.damped(np.pad(further, more, mode="edge") if np.ndim(further) == 1 else further, of)
         if of == "free":
             added = 2.0 * _ratios(damping_ratio, m) * np.sqrt(self.stiffness[:m])
-            return replace(self, damping=np.pad(added, (0, self.static)), rayleigh=None)
+            return replace(self, damping=np.pad(added, (0, self.static)), rayleigh=None, wider=wider)
         values, shapes = self._tied
         ratios = _ratios(damping_ratio, len(values))
         found = fitted(ratios, self.stiffness[:m], values, shapes)
-        structure = replace(self, damping=np.pad(found, (0, self.static)), rayleigh=None)
+        structure = replace(self, damping=np.pad(found, (0, self.static)), rayleigh=None, wider=wider)
         frequency, given = structure.tied_damping
         missed = np.abs(given - ratios) > 0.1 * ratios
         if not missed.any():
@@ -434,6 +461,47 @@ def _modal(
         text = f"{structure.preload:.3g} for a unit load; it must be from 1e-12 to 1e12"
         raise InputError(f"load: with it and normal the normal force at rest is {text}")
     return structure
+
+
+def _with_matrix(found: Structure, by_modes: Array) -> Structure:
+    """With a damping matrix in modal coordinates: its diagonal."""
+    diagonal = np.diag(by_modes)
+    if diagonal.min() < -1e-9 * np.abs(by_modes).max():
+        raise InputError(f"damping: it gives a mode {diagonal.min():g} 1/s; it must not be negative")
+    coupling = float(np.abs(by_modes - np.diag(diagonal)).max() / max(diagonal.max(), 1e-300))
+    text = f"damping: coupling of modes is left out, at most {coupling:.3g} of the largest term"
+    added = np.pad(np.maximum(diagonal, 0.0), (0, found.static))
+    return replace(found, damping=found.damping + added, rayleigh=None, remarks=(*found.remarks, text))
+
+
+def motion_cutoff(own: Structure, most: int = MOST_MODES, number: int = MOTION_MODES) -> float | None:
+    """Frequency above `number` modes that move the gaps, and at most `most` in all, Hz, to three digits.
+
+    None: there are fewer. The same whatever modes follow.
+    """
+    m = len(own.frequency)
+    gaps = np.stack([own.normal[:m], own.tangential[:m]]) ** 2
+    mean = np.cumsum(gaps, axis=1) / np.arange(1, m + 1)
+    moving = np.flatnonzero(np.any((gaps > PART * mean) & (gaps > 0.0), axis=0))
+    last = min([most - 1, *moving[number - 1 : number].tolist()])
+    return float(f"{own.frequency[last : last + 2].mean():.3g}") if m > last + 1 else None
+
+
+def _for_motion(own: Structure, band: float | None, n: int, up_to: Callable[[float], Structure]) -> Structure:
+    """With the cut-off of motion, and the modes below it where `own`, up to `band`, does not have them.
+
+    The upper half of the `n` modes of a mesh is not that of the structure; a small model is what it is.
+    """
+    if band is None and n <= MOTION_MODES:
+        return own
+    found, top, most = own, band or 0.0, min(max(n // 2, 2), MOST_MODES)
+    while (cutoff := motion_cutoff(found, most)) is None and found.static:
+        # Bending modes grow sparser as the root of frequency.
+        top *= float(np.clip((1.1 * MOTION_MODES / len(found.frequency)) ** 2, 1.25, 8.0))
+        found = up_to(top)
+    if cutoff is None or found is own:
+        return replace(own, cutoff=cutoff)
+    return replace(own, wider=up_to(cutoff))
 
 
 def _held(stiffness: Array, normal: Array, vectors: Array | None, names: Any) -> None:

@@ -51,7 +51,7 @@ def lyapunov_exponent(
     settle: float | None = None,
     initial: State | tuple[Any, Any, int] | None = None,
     numerical_damping: str | None = None,
-    ramp: float = 1e-3,
+    ramp: float | None = None,
     cutoff: float | None = None,
     step: float | None = None,
 ) -> LyapunovExponent:

@@ -24,8 +24,8 @@ BOUNDS = {
     "cutoff": (1.0, 1e12, "Hz"),
     "sample_rate": (1e-3, 1e9, "Hz"),
 }
-# Default rate of series, Hz, in units of a structure's time.
-RATE = 100e3
+# Default rate of series, Hz, in units of a structure's time, and default ramp, s.
+RATE, RAMP = 100e3, 1e-3
 # Shortest long stick, in loading times.
 LONG_STICK = 0.2
 
@@ -72,7 +72,7 @@ class Options:
     duration: float
     method: str = "fast"
     numerical_damping: str = "none"
-    ramp: float = 1e-3
+    ramp: float = RAMP
     settle: float | None = None
     initial: State | None = None
     cutoff: float | None = None
@@ -118,14 +118,17 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
     options = dict(arguments)
     if isinstance(options["duration"], Until):
         options |= {"until": options["duration"], "duration": options["duration"].most}
+    if default_rate := isinstance(options["sample_rate"], str) and options["sample_rate"] == "default":
+        options["sample_rate"] = None
     for name, limits in BOUNDS.items():
         if name == "duration" or options[name] is not None:
             options[name] = checks.between(name, options[name], *limits)
-    if options["sample_rate"] == RATE:
+    if default_rate:
         options["sample_rate"] = RATE / scene.rig.time_unit
     duration, rate, times = options["duration"], options["sample_rate"], options["sample_times"]
     allowed = "0 or a time from 1e-9 to 1000 s"
-    ramp = checks.number("ramp", options["ramp"], allowed, lambda x: x == 0.0 or 1e-9 <= x <= 1e3)
+    given = options["ramp"]
+    ramp = RAMP if given is None else checks.number("ramp", given, allowed, lambda x: x == 0.0 or 1e-9 <= x <= 1e3)
     options |= law_options(options)
     record = _names(options["record"])
     for name in ("end_early", "leap"):
@@ -136,8 +139,12 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
     options |= {"ramp": ramp, "record": record, "skip": options.pop("leap")}
     if (initial := options["initial"]) is not None:
         run = _continued(initial, normalised, options)
-        options |= {"resumed": run, "ramp": options["ramp"] if run is None else run.options.ramp}
-        options["initial"] = _state(initial, scene, normalised)
+        state = _state(initial, scene, normalised)
+        started = run.options.ramp if run is not None else 0.0 if state.running else ramp
+        if given is not None and ramp != started and (ramp > 0.0 or not state.running):
+            text = "the drive of the initial state has started already; leave it out"
+            raise InputError(f"ramp = {ramp:g}: {text}")
+        options |= {"resumed": run, "ramp": started, "initial": state}
     if times is not None:
         start = 0.0 if options.get("resumed") is None else initial.time
         options["sample_times"] = _times(times, record, start, duration)
@@ -225,11 +232,12 @@ def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
         q, v = np.asarray(q), np.asarray(v)
     except (TypeError, ValueError):
         raise InputError("initial: it must be modal displacements, modal velocities and a contact state") from None
-    own = structure_of(scene.rig, scene.theta)
+    band = structure_of(scene.rig, scene.theta)
+    own, fewer = band.motion, len(band.frequency)
     modes = len(own.frequency)
     for name, part in (("displacements", q), ("velocities", v)):
         if (
-            part.shape not in {(modes,), (modes + own.static,)}
+            part.shape not in {(modes,), (modes + own.static,), (fewer,)}
             or part.dtype.kind not in "iuf"
             or not np.all(np.abs(part) < 1e50)
         ):

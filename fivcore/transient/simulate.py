@@ -37,14 +37,14 @@ def simulate(
     method: str = "fast",
     *,
     numerical_damping: str | None = None,
-    ramp: float = 1e-3,
+    ramp: float | None = None,
     settle: float | None = None,
     initial: State | tuple[Any, Any, int] | None = None,
     cutoff: float | None = None,
     step: float | None = None,
     min_stick: float | None = None,
     record: bool | Sequence[str] = False,
-    sample_rate: float | None = 100e3,
+    sample_rate: float | str | None = "default",
     sample_times: Any = None,
     end_early: bool = True,
     leap: bool = True,
@@ -63,13 +63,15 @@ def simulate(
         of times slower; the published scheme (Newmark with the friction law of Prakash and Clifton) on all modes.
     numerical_damping : {"published", "none"}, optional
         "published": with the stiffness damping that the published scheme adds of its own, (beta2 - 1/2) times its
-        step of 2e-8 s: "fast" and "exact" add it to the rig's d2. "none": the model as given; for "paper" beta2 =
-        0.5. Default: "published" for "paper", "none" for the others.
-    ramp : float
+        step of 2e-8 s, of a structure its default step: "fast" and "exact" add it to the rig's d2. "none": the
+        model as given; for "paper" beta2 = 0.5. Default: "published" for "paper", "none" for the others.
+    ramp : float, optional
         Time in which the clamp of P2 is uniformly accelerated to its velocity, s. "fast" takes a ramp shorter than
-        a step as none, "exact" one below 1e-7 s; the drive that decides on "undecided" includes it.
+        a step as none, "exact" one below 1e-7 s (times `time_scale`); the drive that decides on "undecided"
+        includes it. Default: 1 ms; none where the drive runs already, beside which a ramp is an error.
     settle : float, optional
-        Start of the statistics, s since the drive started. Default: 0.1 s after the first slip; 0 without slip.
+        Start of the statistics, s since the drive started. Default: 0.1 s after the first slip, of a structure
+        0.1 s times `summary["time_scale"]`; 0 without slip.
     initial : State or tuple, optional
         Displacements and velocities of all modes, contact state; its drive starts or runs already (`State`).
         Default: at rest under the load, T = 0, stuck. The `final_state` of a run of the same scene, method and
@@ -79,10 +81,12 @@ def simulate(
         the contact state.
     cutoff : float, optional
         Highest frequency of a mode, Hz; not for "paper", which keeps all. Default: 94 kHz for the paper's rig
-        (`contact.reduced.default_cutoff`), with more for the onset (`transient.fast.onset`).
+        (`contact.reduced.default_cutoff`), with more for the onset (`transient.fast.onset`). A structure from
+        matrices keeps the modes that take part in impacts, whatever its `fmax`; one from modes keeps all.
     step : float, optional
-        Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1.7e-6 with the default rig);
-        for "exact" only the grid on which statistics are taken, 1e-6.
+        Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1.8e-6 with the default rig; of
+        a structure in rigid contact also at most a hundredth of the duration, `transient.fast.run.default_step`);
+        for "exact" only the grid on which statistics are taken, 1e-6 times `time_scale`.
     min_stick : float, optional
         Shortest long stick, s. Default: a fifth of the time in which the drive at V loads a stuck contact until it
         slips, statically: it depends on the scene alone, not on the start of the run.
@@ -91,8 +95,8 @@ def simulate(
     sample_rate : float, optional
         Sampling rate of the series, Hz: at the times k / sample_rate, linear between two steps, with the state of
         the step before. Where a whole number of steps fits between two samples, as with the default, they are
-        every so many steps without interpolation, at those steps' own times. None: every step. The default of a
-        structure is in units of its time.
+        every so many steps without interpolation, at those steps' own times. None: every step. Default: 100 kHz,
+        of a structure divided by `time_scale`.
     sample_times : array_like, (n,), optional
         Ascending times of the series instead, s: linear between two steps of the method, with the state of the
         step before; beyond the first and the last step their values.

@@ -48,8 +48,8 @@ def test_matrices_give_the_beams(given, monkeypatch):
 
 def test_a_structure_moves_like_the_rig_it_is():
     one = simulate(Scene(0.02, THETA, 0.2, 9.0), 0.02, cutoff=94e3, record=True)
-    for structure, given in ((Structure.of(RIG, THETA), {"cutoff": 94e3}), (beams(fmax=94e3), {})):
-        other = simulate(Scene(0.02, 0.0, 0.2, 9.0, structure), 0.02, **given, record=True)
+    for structure in (Structure.of(RIG, THETA), beams(), beams(fmax=10e3), beams(fmax=94e3)):
+        other = simulate(Scene(0.02, 0.0, 0.2, 9.0, structure), 0.02, cutoff=94e3, record=True)
         early = one.time < 0.0075
         assert other.velocity_B[early] == pytest.approx(one.velocity_B[early], abs=1e-6 * np.ptp(one.velocity_B))
         assert other.summary["first_slip_time"] == pytest.approx(one.summary["first_slip_time"], abs=4e-6)
@@ -399,7 +399,7 @@ PARALLEL = Structure.from_modes([100.0, 300.0, 700.0], [1.0, 0.5, 0.3], [2.0, 1.
 @pytest.mark.parametrize("structure", [ONE, PARALLEL])
 def test_a_contact_that_cannot_slip_is_refused(structure, friction, method):
     for cutoff in (None, 1e5):
-        with pytest.raises(InputError, match=r"^tangential: in all modes it is one multiple of normal") as caught:
+        with pytest.raises(InputError, match=r"^normal, tangential: they are parallel") as caught:
             simulate(Scene(1e-3, 0.0, 0.3, 9.0, structure, friction), 0.01, method, cutoff=cutoff)
         assert "\n" not in str(caught.value)
 
@@ -410,7 +410,7 @@ def test_cut_offs_of_two_modes(method):
     scene = Scene(1e-3, 0.0, 0.3, 9.0, TWO)
     whole, cut = (simulate(scene, 0.01, method, cutoff=cutoff, record=True) for cutoff in (None, 1e5))
     assert np.array_equal(whole.tangential_force, cut.tangential_force)
-    with pytest.raises(InputError, match=r"^cutoff = 50: it must be above 100 Hz, so that 2 modes are kept"):
+    with pytest.raises(InputError, match=r"^cutoff = 50: it must be above 100 Hz, so that two modes are kept"):
         simulate(scene, 0.01, method, cutoff=50.0)
 
 

@@ -61,7 +61,7 @@ class FastRun:
     def __init__(self, scene: Normalised, options: Options) -> None:
         self.scene, self.options = scene, options
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
-        self.step = model.default_step if options.step is None else options.step
+        self.step = default_step(model, scene, options.duration) if options.step is None else options.step
         limit, what = model.largest_step, "the contact"
         if model.default_step < self.step <= limit and not stable(model, scene.mu, self.step):
             limit, what = largest_stable_step(model, scene.mu, self.step), f"slip with mu = {scene.mu:g}"
@@ -217,7 +217,8 @@ class FastRun:
         put(self.blocks, self.places, at.V, v)
         record["g_N"], record["g_T"] = model.normal @ q, model.tangential @ q
         record["v_N"], record["v_T"] = model.normal @ v, model.tangential @ v
-        record["after_N"] = record["after_T"] = np.nan
+        for name in ("after_N", "after_T", "last_p", "last_N", "last_T", "last_left"):
+            record[name] = np.nan
         record["p_rest"] = self._solver.at_rest[0]
         record["T_rest"] = self._solver.at_rest[1] + model.tangential @ self._shift
 
@@ -460,6 +461,19 @@ class FastRun:
         moving = self.blocks[:, at.Q : at.V + 1]
         moving[np.abs(moving) < floor] = 0.0
         return bool(np.isfinite(moving).all())
+
+
+def default_step(model: ReducedModel, scene: Normalised, duration: float) -> float:
+    """Step of a run, s; a rigid contact, whose step follows the modes alone, may need a shorter one.
+
+    It is at most a hundredth of the duration, and a quarter of the time V / (mu N / m) in which friction takes the
+    contact's mass along, or where that is very short, 1e-4 of what the modes need.
+    """
+    step = model.default_step
+    if model.K.any() or isinstance(scene.rig, Rig):
+        return step
+    catching = scene.speed_per_load / max(scene.mu * float(model.W[1, 1]), 1e-300)
+    return min(step, max(0.25 * catching, 1e-4 * step), 0.01 * duration)
 
 
 def check_falling(model: ReducedModel, scene: Normalised, step: float) -> None:
