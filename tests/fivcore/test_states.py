@@ -115,6 +115,19 @@ def test_steady_sliding_goes_on_at_another_speed_and_by_every_method():
     assert run.summary["first_slip_time"] == 0.0
 
 
+def test_a_state_of_the_mirrored_scene_is_refused():
+    """Its modes are those of the other inclination, or of the mirrored structure."""
+    own = Structure.from_modes([300.0, 500.0], [0.4, 0.1], [-0.9, 0.7], load=[-0.4, -0.1], damping_ratio=0.01)
+    for scene in (SCENE, Scene(2e-3, 0.0, 0.2, 9.0, own)):
+        other = replace(scene, V=-scene.V)
+        for one, two in ((scene, other), (other, scene)):
+            with pytest.raises(InputError, match=r"initial: it is the end of a run with the other sign of V"):
+                simulate(two, 1e-3, initial=simulate(one, 1e-3).final_state)
+        end = simulate(scene.mirrored(), 1e-3).final_state
+        for same in (scene, scene.mirrored()):
+            assert simulate(same, 1e-3, initial=end).summary["simulated_time"] == pytest.approx(1e-3)
+
+
 def test_the_contact_follows_from_gap_and_rate():
     rig, full = Rig(), full_model(Rig(), 5.0)
     q, still = 9.0 * full.rest, np.zeros(len(full.rest))
