@@ -223,7 +223,7 @@ def reduced_model(rig: Structural, theta: float, cutoff: float | None = None) ->
     if kept.sum() < 3 and not all_kept:
         lowest = float(np.sqrt(np.sort(full.stiffness)[2])) / (2.0 * np.pi)
         raise SceneValueError(
-            f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that three modes of this rig are kept"
+            f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that three modes are kept"
         )
     flexibility = residual_flexibility(full.stiffness[~kept], *full.shapes[:, ~kept])
     # One or two modes have no residual of rank two; with them the finite elements are complete. Its condition

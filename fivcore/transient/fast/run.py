@@ -67,7 +67,7 @@ class FastRun:
             limit, what = largest_stable_step(model, scene.mu, self.step), f"slip with mu = {scene.mu:g}"
         if self.step > limit:
             raise SceneValueError(
-                f"step = {self.step:g}: with this rig and cut-off it must be at most {at_most(limit, 3)} s;"
+                f"step = {self.step:g}: with these modes it must be at most {at_most(limit, 3)} s;"
                 f" beyond, {what} is unstable"
             )
         check_falling(model, scene, self.step)
@@ -75,7 +75,7 @@ class FastRun:
         if self.step < least:
             what, damping = f"step = {self.step:g}: it must be at least {least:g} s", float(model.damping.max())
             if options.step is None and self.step * damping > 1.0:
-                what = f"Rig: d1 = {scene.rig.d1:g}, d2 = {scene.rig.d2:g}: d1 + d2 omega^2 = {damping:.4g} of the"
+                what = f"d1 = {scene.rig.d1:g}, d2 = {scene.rig.d2:g}: d1 + d2 omega^2 = {damping:.4g} of the"
                 what += f" fastest mode must be at most {at_most(2.0 / least, 3)} 1/s"
             raise SceneValueError(f"{what} over this duration, or a segment has more than {MOST_ROOM:g} steps")
         # The run goes no further than to step `pause`, which may move.
