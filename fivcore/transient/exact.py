@@ -35,7 +35,7 @@ from scipy.linalg import block_diag
 
 from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.law import resistance
-from fivcore.contact.reduced import ReducedModel, default_cutoff, modified, reduced_model
+from fivcore.contact.reduced import ReducedModel, modified, reduced_model
 from fivcore.errors import ContactError, DivergenceError, SceneValueError, not_unique
 from fivcore.jit import Array, Complex
 from fivcore.transient.exact_kernels import ONE, Q_R, SCENE, V_R, A, P, S, observe, search, waves_at
@@ -65,7 +65,7 @@ class ExactRun(SteppedRun):
     Raises
     ------
     SceneValueError
-        Where the contact has no dashpot.
+        Where the contact has a spring and no dashpot, or is rigid and its directions are parallel.
     ContactError
         Where the contact force is not unique, or slip grows too fast to be resolved.
     """
@@ -76,11 +76,7 @@ class ExactRun(SteppedRun):
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
         self.model, self.rigid = model, not model.K.any()
         if not (self.rigid or model.C.any()):
-            cutoff = default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
-            raise SceneValueError(
-                f"cutoff = {cutoff:g}: the contact has a spring and no dashpot, which method 'exact' needs; use"
-                " method 'fast'"
-            )
+            raise SceneValueError("modify: it leaves a spring without a dashpot, for which use method 'fast'")
         # Change of (N, T) with the rates of the gaps, in rigid contact with their accelerations.
         self._resistance = resistance(model.W) if self.rigid else model.C
         # Of a contact that slips, at the lowest speed, over the static coefficient.
@@ -119,7 +115,7 @@ class ExactRun(SteppedRun):
         elif self._ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(y)
-        # Rigid surfaces may be given any rates: the start is an impact, which takes none from surfaces at rest.
+        # Rigid surfaces may be given any rates: the start is an impact, of which those at rest notice nothing.
         self._decide(0.0, y, options.contact, touchdown=self.rigid and options.contact != SEPARATION)
 
     def state(self) -> tuple[Array, Array, Array]:
@@ -265,13 +261,13 @@ class ExactRun(SteppedRun):
 
     def _sticking_force(self, t: float, y: Array) -> Array:
         """(N, T) of a contact that sticks in the full state `y`."""
-        (q, v), model, K = np.split(y[:-2], 2), self.model, self.model.K
+        (q, v), model = np.split(y[:-2], 2), self.model
         if self.rigid:
             acceleration = self._drive(t)[1]
             free = model.inertia * acceleration - model.damping * v - model.stiffness * q
             return np.asarray(self._resistance @ ([0.0, acceleration] - model.shapes @ free) + [1.0, 0.0])
         rates = np.array([0.0, self._clamp_velocity(t)]) - model.shapes @ v
-        return np.asarray(K @ np.array([-(model.normal @ q), y[-1]]) + model.C @ rates + [1.0, 0.0])
+        return np.asarray(model.K @ np.array([-(model.normal @ q), y[-1]]) + model.C @ rates + [1.0, 0.0])
 
     def _slipping_force(self, N: float, T: float, up: bool, slip_rate: float) -> float:
         """N in slip with T > 0 (`up`) or T < 0, from (N, T) in stick."""

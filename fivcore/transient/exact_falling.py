@@ -108,6 +108,9 @@ class FallingRun(ExactRun):
         signs = np.array([1.0, -self._system[-2][2]])
         past = values[:, [0, 2]] * signs < self._zero
         first = int(np.argmax(past[1:].any(axis=1))) + 1 if past[1:].any() else len(s)
+        if np.isnan(values).any():
+            # Within the step there are states without a slip rate.
+            self._check(watch(s[:1], piece.y_old[None], self._system)[0, 0], 0.0)
         for N, slack in values[1:first, ::3]:
             self._check(N, slack)
         if first == len(s):
