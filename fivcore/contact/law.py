@@ -22,7 +22,11 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
+from fivcore.errors import SceneValueError
 from fivcore.jit import Array
+
+# Least square of the sine between the directions of rigid contact, in which rounding is 1e-15.
+LEAST_SINE = 1e-12
 
 
 class StatusMaps(NamedTuple):
@@ -65,7 +69,7 @@ def status_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> StatusM
     both = np.array([[mu], [-mu]])
     if not K.any():
         stick, slip = np.zeros((2, 4)), np.zeros((2, 2, 3))
-        stick[:, 2:], slip[:, 0, 2:] = -np.linalg.inv(M), -1.0 / (M[0, 0] + both * M[0, 1])
+        stick[:, 2:], slip[:, 0, 2:] = -resistance(M), -1.0 / (M[0, 0] + both * M[0, 1])
         return StatusMaps(stick, slip, np.zeros((2, 2)), stick, 0.0, 1.0, stick, 0.0)
     offset, square_ratio, separation = step, 1.0, np.zeros((2, 2))
     if C.any():
@@ -136,6 +140,16 @@ def steepest_fall(slide: Slide, mu: float) -> float:
     # In either direction of slip.
     factors = [slide.beta / (slide.beta - way * mu * slide.gamma) for way in (1.0, -1.0)]
     return 1.0 / (slide.mobility * max(factors))
+
+
+def resistance(W: Array) -> Array:
+    """Inverse of the Delassus matrix (2, 2) of a rigid contact."""
+    if np.linalg.det(W) <= LEAST_SINE * W[0, 0] * W[1, 1]:
+        raise SceneValueError(
+            "normal, tangential: they are parallel over the modes that are kept, so the force of a rigid contact"
+            " is not unique; give more modes, or the compliance of the others (`Structure.from_matrices`)"
+        )
+    return np.asarray(np.linalg.inv(W))
 
 
 @lru_cache(maxsize=256)

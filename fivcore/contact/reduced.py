@@ -247,7 +247,6 @@ def reduced_model(rig: Structural, theta: float, cutoff: float | None = None) ->
 Modify = Callable[[ReducedModel], ReducedModel]
 
 
-@lru_cache(maxsize=64)
 def modified(model: ReducedModel, modify: Modify | None) -> ReducedModel:
-    """The model after `modify`, from a cache, so that scenes share it; None: the model itself."""
+    """The model after `modify`, made anew each time, for it may depend on more than the model; None: the model."""
     return model if modify is None else modify(model)

@@ -65,7 +65,10 @@ _hann = lru_cache(WINDOW)(np.hanning)
 
 
 class Record:
-    """Named series of a run in its scene's units: at the rows, or linear between them at `times` or a `rate`."""
+    """Named series of a run in its scene's units: at the rows, or linear between them at `times` or a `rate`.
+
+    The rows may follow the `last` (1, 6) of a run that they continue.
+    """
 
     def __init__(
         self,
@@ -74,21 +77,22 @@ class Record:
         times: Array | None = None,
         rate: float | None = None,
         start: float = 0.0,
+        last: Array | None = None,
     ) -> None:
         factors = {"normal_force": normalised.load, "state": 1.0}
         self._factors = {name: factors.get(name, normalised.load * normalised.sense) for name in names}
         self._parts: dict[str, list[NDArray[Any]]] = {name: [] for name in ("time", *names)}
-        self._times, self._rate, self._last = times, rate, np.empty((0, 1 + len(SERIES)))
+        self._times, self._rate = times, rate
+        self.last = np.empty((0, 1 + len(SERIES))) if last is None else last
         self._taken = int(np.ceil(start * (rate or 0.0) * (1.0 - 1e-12)))
 
     def add(self, rows: Array) -> None:
         """Take the next rows of `Segment.rows`."""
+        before, self.last = self.last, rows[-1:].copy() if len(rows) else self.last
         if self._times is None and self._rate is None:
             self._keep(rows)
         elif len(rows):
-            rows = np.concatenate([self._last, rows])
-            self._last = rows[-1:].copy()
-            self._keep(rows, self._due(rows[-1, 0]))
+            self._keep(np.concatenate([before, rows]), self._due(rows[-1, 0]))
 
     def _due(self, until: float) -> Array:
         """Times up to `until`, s, at which series have not been kept yet."""
@@ -114,10 +118,10 @@ class Record:
     def whole(self, end: float) -> dict[str, Any]:
         """Each series of a run that ended at `end`, s, in one piece; nothing where nothing was recorded."""
         if self._times is not None:
-            self._keep(self._last, self._times)
+            self._keep(self.last, self._times)
         elif self._rate is not None:
             t = self._due(end)
-            self._keep(self._last, t[t < end * (1.0 - 1e-12)])
+            self._keep(self.last, t[t < end * (1.0 - 1e-12)])
         # Each is removed before the next is joined, so that only one at a time has two copies in memory.
         return {name: np.concatenate(parts) for name in [*self._parts] if (parts := self._parts.pop(name))}
 

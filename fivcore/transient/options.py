@@ -11,7 +11,7 @@ from fivcore import checks
 from fivcore.contact.reduced import INTERVAL, Modify
 from fivcore.errors import InputError
 from fivcore.jit import Array
-from fivcore.rig import Scene
+from fivcore.rig import Rig, Scene
 from fivcore.structure import structure_of
 from fivcore.transient.normalised import Normalised, State, loading_time
 from fivcore.transient.statistics import SERIES, SETTLING, STICK, begin
@@ -224,6 +224,11 @@ def _times(sample_times: Any, names: tuple[str, ...], start: float, duration: fl
     return times
 
 
+def seen(scene: Normalised) -> Any:
+    """What mirrored scenes of one motion share: the inclination as the drive sees it, or the structure."""
+    return scene.theta if isinstance(scene.rig, Rig) else scene.rig
+
+
 def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
     """The given state, normalised."""
     try:
@@ -245,8 +250,14 @@ def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
             raise InputError(text)
     if not isinstance(contact, (int, np.integer)) or isinstance(contact, bool) or contact not in (0, 1, 2):
         raise InputError(f"initial: contact state {contact!r}: it must be 0 (separation), 1 (stick) or 2 (slip)")
-    if normalised.sense < 0 and given.origin is None:
+    before = None if given.origin is None else given.origin[0]
+    if normalised.sense < 0 and before is None:
         raise InputError("initial: with V < 0 give the mirrored scene (scene.mirrored()) and its state")
+    if before is not None and before.sense != normalised.sense and seen(before) != seen(normalised):
+        raise InputError(
+            "initial: it is the end of a run with the other sign of V, whose modes are those of the mirrored scene"
+            " (scene.mirrored()); give a state of this scene"
+        )
     q, v = (part.astype(float) / normalised.load for part in (q, v))
     q, v = (np.pad(part, (0, modes + own.static - len(part))) for part in (q, v))
     return State(q, v, int(contact), given.running)

@@ -99,7 +99,7 @@ class PaperRun(SteppedRun):
         limit = largest_step(model.stiffness, model.damping, b)
         if dt > limit:
             raise SceneValueError(
-                f"step = {dt:g}: with this rig the published scheme needs at most {at_most(limit)} s; else"
+                f"step = {dt:g}: with these modes the published scheme needs at most {at_most(limit)} s; else"
                 " its fastest mode grows"
             )
         painleve = painleve_mu(model, dt, b, TAU / STEP * usual)

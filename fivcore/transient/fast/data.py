@@ -51,9 +51,9 @@ _NUMBERS = [
     "g_N g_T v_N v_T p_rest T_rest u_N u_T anchor",
 ]
 _COUNTS = [
-    # Contact state, present step, end of the segment; the next sample, row of the record and try of a skip; the
-    # step from which statistics count.
-    "contact now last next_sample next_row next_skip settle sample_every row_every",
+    # Contact state, present step, end of the segment; the next sample, row of the record, sample of the
+    # dissipation and try of a skip; the step from which statistics count.
+    "contact now last next_sample next_row next_energy next_skip settle sample_every row_every energy_every",
     # Whether the contact is rigid, the first separation ends the segment, the segment has ended early.
     "rigid until_open stopped",
     # Places for modes and their blocks; of the first block those that may move both gaps, and those after them

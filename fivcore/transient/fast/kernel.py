@@ -275,7 +275,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
     both, others, size, blocks = scene.both, scene.others, scene.modes, scene.blocks
     speed, power, power_N, power_T = 0.0, 0.0, 0.0, 0.0
     now = scene.now
-    until, due = pause(scene, now), min(scene.next_sample, scene.next_row)
+    until, due = pause(scene, now), min(scene.next_sample, scene.next_row, scene.next_energy)
     while now < until:
         if now == due:
             speed, power, power_N, power_T = 0.0, 0.0, 0.0, 0.0
@@ -445,17 +445,19 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                 samples[place, 5], samples[place, 6] = scene.sum_N, scene.switches
                 scene.samples += 1
                 scene.next_sample += scene.sample_every
-                scene.damped += scene.sample_every * step * power
                 if scene.threshold < np.inf and (contact != STICK or abs(T) > scene.threshold * N):
                     scene.stopped = 1
                     until = now
+            if scene.next_energy == now:
+                scene.damped += scene.energy_every * step * power
+                scene.next_energy += scene.energy_every
             if scene.next_row == now:
                 place = scene.rows
                 rows[place, 0], rows[place, 1], rows[place, 2] = (now + 0.5) * step, speed, N - less_N
                 rows[place, 3], rows[place, 4], rows[place, 5] = T - less_T, slip_rate, contact
                 scene.rows += 1
                 scene.next_row += scene.row_every
-            due = min(scene.next_sample, scene.next_row)
+            due = min(scene.next_sample, scene.next_row, scene.next_energy)
         if len(tangent) > 0:
             d = tangent[0][0]
             last_N, last_T = d.impulse_N, d.impulse_T
