@@ -10,7 +10,8 @@ the slip rate g_T' + u_T'. Every contact status is linear:
 At touch-down u is continuous and N jumps by C_NN times the closing speed. If C_TT > mu |C_TN| (K in place of C
 without damping), T - mu N and T + mu N increase with u_T', and exactly one of stick, slip forwards and slip
 backwards is possible. The Painleve limit is the least mu at which this condition fails, or at which the divisor
-that gives N in a step of `fast` is zero; above it the force is not unique. In rigid contact the restitution is 0.
+that gives N in a step of `fast` is zero; above it the force is not unique. In rigid contact an impact leaves no
+closing speed, and its tangential impulse is within the cone.
 """
 
 from __future__ import annotations

@@ -35,9 +35,10 @@ from scipy.linalg import block_diag
 
 from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.law import resistance
-from fivcore.contact.reduced import ReducedModel, modified, reduced_model
+from fivcore.contact.reduced import ReducedModel, default_cutoff, modified, reduced_model
 from fivcore.errors import ContactError, DivergenceError, SceneValueError, not_unique
 from fivcore.jit import Array, Complex
+from fivcore.rig import Rig
 from fivcore.transient.exact_kernels import ONE, Q_R, SCENE, V_R, A, P, S, observe, search, waves_at
 from fivcore.transient.normalised import Normalised, energies, residual_gaps, slip_distance
 from fivcore.transient.options import Options
@@ -65,7 +66,7 @@ class ExactRun(SteppedRun):
     Raises
     ------
     SceneValueError
-        Where the contact has a spring and no dashpot, or is rigid and its directions are parallel.
+        Where the contact has no dashpot, or is rigid and its directions are parallel.
     ContactError
         Where the contact force is not unique, or slip grows too fast to be resolved.
     """
@@ -74,9 +75,14 @@ class ExactRun(SteppedRun):
 
     def __init__(self, scene: Normalised, options: Options) -> None:
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
-        self.model, self.rigid = model, not model.K.any()
+        # Of the paper's rig all modes at once would be hundreds.
+        self.model, self.rigid = model, not model.K.any() and not isinstance(scene.rig, Rig)
         if not (self.rigid or model.C.any()):
-            raise SceneValueError("modify: it leaves a spring without a dashpot, for which use method 'fast'")
+            cutoff = default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
+            raise SceneValueError(
+                f"cutoff = {cutoff:g}: the contact has no dashpot, which method 'exact' needs; use a cutoff that"
+                " leaves out more modes, or method 'fast'"
+            )
         # Change of (N, T) with the rates of the gaps, in rigid contact with their accelerations.
         self._resistance = resistance(model.W) if self.rigid else model.C
         # Of a contact that slips, at the lowest speed, over the static coefficient.

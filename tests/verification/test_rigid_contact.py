@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fivcore import Friction, Rig, Scene, State, Structure, simulate
+from fivcore import Friction, Scene, State, Structure, simulate
 from fivcore.friction import COULOMB
 from studies.gallery.classics import block_of
 
@@ -145,12 +145,3 @@ def test_a_block_from_rest_is_caught_by_its_belt_when_the_closed_form_says(seed)
     assert found.summary["stick_fraction"] * 4.0 / omega == pytest.approx(
         min(max(4.0 / omega - expected, 0.0), tight) if tight else 0.0, rel=1e-2, abs=0.02 / omega
     )
-
-
-def test_the_papers_rig_may_have_rigid_contact_too():
-    rig = Rig.of(p1_elements=2, p2_elements=3)
-    one, other = (
-        simulate(Scene(2e-2, 5.0, 0.2, 9.0, rig), 0.02, method, cutoff=1e8, settle=0.0)
-        for method in ("exact", "fast")
-    )
-    assert shares(one) == pytest.approx(shares(other), abs=0.02)
