@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from fivcore.beams.modes import one_blas_thread, residual_flexibility
 from fivcore.contact.impulse import Impulse, at_impulses
-from fivcore.contact.law import painleve_mu, ratio, slide, steepest_fall
+from fivcore.contact.law import painleve_mu, ratio, resistance, slide, steepest_fall
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig, Structural
@@ -236,6 +236,7 @@ def reduced_model(rig: Structural, theta: float, cutoff: float | None = None) ->
     # number is usually about 3; of a flexibility at 1e8 the inverse has half its digits.
     complete = (~kept).sum() <= 2 and not own.static
     if complete or kept.all() or np.linalg.cond(flexibility) > 1e8:
+        resistance(full.W)
         return full
     modal, K = {name: getattr(full, name)[kept] for name in MODAL}, np.asarray(np.linalg.inv(flexibility))
     gap = 0.0 if full.stiffness.min() == 0.0 else float(np.sum((full.normal * full.load / full.stiffness)[~kept]))
