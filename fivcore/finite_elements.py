@@ -92,9 +92,7 @@ def lowest_modes(
         values, vectors = _ritz(K, vectors)
     else:
         M, K = (matrix.toarray() if sparse.issparse(matrix) else matrix for matrix in (M, K))
-        values, vectors = linalg.eigh(K, M)
-        if values.min() > -1e-12 * np.abs(values).max():
-            values, vectors = refined(M, K, values, vectors)
+        values, vectors = refined(K, *linalg.eigh(K, M))
     rigid = _rigid(K, values, vectors, names)
     kept = values < limit
     if not kept.any():
@@ -198,20 +196,10 @@ def _ritz(K: Any, vectors: Array) -> tuple[Array, Array]:
     return values, vectors @ turn
 
 
-def refined(M: Array, K: Array, values: Array, vectors: Array) -> tuple[Array, Array]:
-    """Low modes to their own precision, by one inverse iteration: rounding is relative to the highest."""
-    low = values < 1e-6 * values.max()
-    if not low.any():
-        return values, vectors
-    shift = 1e-6 * values.max()
-    images = M @ vectors[:, low]
-    small = images.T @ linalg.cho_solve(linalg.cho_factor(K + shift * M), images)
-    inverse, mixed = np.linalg.eigh(0.5 * (small + small.T))
-    values, vectors = values.copy(), vectors.copy()
-    values[low], vectors[:, low] = (1.0 / inverse - shift)[::-1], vectors[:, low] @ mixed[:, ::-1]
-    # Far below the shift the difference is rounding.
-    if (soft := values < 1e-6 * shift).any():
-        values[soft], vectors[:, soft] = _ritz(K, vectors[:, soft])
+def refined(K: Array, values: Array, vectors: Array) -> tuple[Array, Array]:
+    """Low modes to their own precision, where LAPACK's rounding is relative to the highest."""
+    values, vectors, low = values.copy(), vectors.copy(), values < 1e-6 * values.max(initial=0.0)
+    values[low], vectors[:, low] = _ritz(K, vectors[:, low])
     return values, vectors
 
 
