@@ -25,6 +25,8 @@ WIDTH, FEW, CONVERGED = 8, 0.25, 1e-10
 # What is left of a direction, relative to it, that is rounding; error of a factorisation, relative to its terms,
 # up to which its pivots count.
 LOST, SOUND = 1e-12, 1e-10
+# Memory that modes may take, GB.
+MEMORY = 16.0
 # Strain energy of a rigid motion, in units of EPS |x|^T |K| |x|, at most: equal elements round alike, so that free
 # plates have up to 0.5, and an element's own formulas may round a few times as much.
 RIGID = 8.0
@@ -80,6 +82,9 @@ def lowest_modes(
     if n > DENSE:
         M, K = sparse.csc_array(M), sparse.csc_array(K)
         limit, count = _count_below(M, K, limit)
+        # Three arrays of the basis, or of all modes.
+        if (size := 24e-9 * n * min(n, 3 * count)) > MEMORY:
+            raise InputError(f"fmax = {fmax:g}: the {count} modes below it need {size:.0f} GB; lower it")
     if n > DENSE and max(count, WIDTH) < FEW * n:
         # A negative shift: the factorised matrix is positive definite, with rigid motions too.
         shift = 1e-3 * limit

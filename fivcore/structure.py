@@ -324,11 +324,11 @@ class Structure(Structural, ReadOnlyArrays):
         if of == "free":
             added = 2.0 * _ratios(damping_ratio, m) * np.sqrt(self.stiffness[:m])
             return replace(self, damping=np.pad(added, (0, self.static)), rayleigh=None)
-        values, shapes = self._tied
-        ratios = _ratios(damping_ratio, len(values))
+        values, shapes = tied_modes(self.stiffness, np.stack([self.normal, self.tangential]), self.static)
+        ratios, frequency = _ratios(damping_ratio, len(values)), np.sqrt(values) / (2.0 * np.pi)
         found = fitted(ratios, self.stiffness[:m], values, shapes)
         structure = replace(self, damping=np.pad(found, (0, self.static)), rayleigh=None)
-        frequency, given = structure.tied_damping
+        given = tied_ratios(found, values, shapes)
         missed = np.abs(given - ratios) > 0.1 * ratios
         if not missed.any():
             return structure
@@ -338,15 +338,10 @@ class Structure(Structural, ReadOnlyArrays):
             warnings.warn(text, DampingWarning, stacklevel=2)
         return replace(structure, remarks=(*structure.remarks, text))
 
-    @cached_property
-    def _tied(self) -> tuple[Array, Array]:
-        """Squared angular frequencies and shapes of the modes with the contact tied in both directions."""
-        return tied_modes(self.stiffness, np.stack([self.normal, self.tangential]), self.static)
-
     @property
     def tied_damping(self) -> tuple[Array, Array]:
         """Frequencies, Hz, and damping ratios, to first order, of the modes with the contact tied, each (k,)."""
-        values, shapes = self._tied
+        values, shapes = tied_modes(self.stiffness, np.stack([self.normal, self.tangential]), self.static)
         ratios = tied_ratios(self.damping[: len(shapes)], values, shapes)
         return np.sqrt(values) / (2.0 * np.pi), ratios
 
