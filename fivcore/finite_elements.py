@@ -196,7 +196,8 @@ def _orthonormal(M: Any, basis: Array, block: Array, random: np.random.Generator
 
 def _ritz(K: Any, vectors: Array) -> tuple[Array, Array]:
     """Stiffness and modes in a span of modes, by strain energy: its rounding is relative to its own products."""
-    small = vectors.T @ (K @ vectors)
+    # Of a low mode the forces nearly cancel; where the processor has more digits for them, they are taken.
+    small = vectors.T @ (K.astype(np.longdouble) @ vectors).astype(float)
     values, turn = np.linalg.eigh(0.5 * (small + small.T))
     return values, vectors @ turn
 
