@@ -34,9 +34,7 @@ def tied_modes(stiffness: Array, gaps: Array, static: int) -> tuple[Array, Array
     stretch = np.linalg.pinv(springs) @ gaps[:, :m]
     held = linalg.null_space(rigid / np.abs(rigid).max(axis=1, keepdims=True)) if len(rigid) else np.eye(m)
     matrix = held.T @ (np.diag(stiffness[:m]) + stretch.T @ stretch) @ held
-    if not len(matrix):
-        return np.zeros(0), held
-    values, turn = refined(np.eye(len(matrix)), matrix, *np.linalg.eigh(matrix))
+    values, turn = refined(matrix, *np.linalg.eigh(matrix))
     return values, held @ turn
 
 

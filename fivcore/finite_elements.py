@@ -25,6 +25,8 @@ WIDTH, FEW, CONVERGED = 8, 0.25, 1e-10
 # What is left of a direction, relative to it, that is rounding; error of a factorisation, relative to its terms,
 # up to which its pivots count.
 LOST, SOUND = 1e-12, 1e-10
+# Memory that modes may take, GB.
+MEMORY = 16.0
 # Strain energy of a rigid motion, in units of EPS |x|^T |K| |x|, at most: equal elements round alike, so that free
 # plates have up to 0.5, and an element's own formulas may round a few times as much.
 RIGID = 8.0
@@ -80,6 +82,9 @@ def lowest_modes(
     if n > DENSE:
         M, K = sparse.csc_array(M), sparse.csc_array(K)
         limit, count = _count_below(M, K, limit)
+        # Three arrays of the basis, or of all modes.
+        if (size := 24e-9 * n * min(n, 3 * count)) > MEMORY:
+            raise InputError(f"fmax = {fmax:g}: the {count} modes below it need {size:.0f} GB; lower it")
     if n > DENSE and max(count, WIDTH) < FEW * n:
         # A negative shift: the factorised matrix is positive definite, with rigid motions too.
         shift = 1e-3 * limit
@@ -92,9 +97,7 @@ def lowest_modes(
         values, vectors = _ritz(K, vectors)
     else:
         M, K = (matrix.toarray() if sparse.issparse(matrix) else matrix for matrix in (M, K))
-        values, vectors = linalg.eigh(K, M)
-        if values.min() > -1e-12 * np.abs(values).max():
-            values, vectors = refined(M, K, values, vectors)
+        values, vectors = refined(K, *linalg.eigh(K, M))
     rigid = _rigid(K, values, vectors, names)
     kept = values < limit
     if not kept.any():
@@ -193,25 +196,16 @@ def _orthonormal(M: Any, basis: Array, block: Array, random: np.random.Generator
 
 def _ritz(K: Any, vectors: Array) -> tuple[Array, Array]:
     """Stiffness and modes in a span of modes, by strain energy: its rounding is relative to its own products."""
-    small = vectors.T @ (K @ vectors)
+    # Of a low mode the forces nearly cancel; where the processor has more digits for them, they are taken.
+    small = vectors.T @ (K.astype(np.longdouble) @ vectors).astype(float)
     values, turn = np.linalg.eigh(0.5 * (small + small.T))
     return values, vectors @ turn
 
 
-def refined(M: Array, K: Array, values: Array, vectors: Array) -> tuple[Array, Array]:
-    """Low modes to their own precision, by one inverse iteration: rounding is relative to the highest."""
-    low = values < 1e-6 * values.max()
-    if not low.any():
-        return values, vectors
-    shift = 1e-6 * values.max()
-    images = M @ vectors[:, low]
-    small = images.T @ linalg.cho_solve(linalg.cho_factor(K + shift * M), images)
-    inverse, mixed = np.linalg.eigh(0.5 * (small + small.T))
-    values, vectors = values.copy(), vectors.copy()
-    values[low], vectors[:, low] = (1.0 / inverse - shift)[::-1], vectors[:, low] @ mixed[:, ::-1]
-    # Far below the shift the difference is rounding.
-    if (soft := values < 1e-6 * shift).any():
-        values[soft], vectors[:, soft] = _ritz(K, vectors[:, soft])
+def refined(K: Array, values: Array, vectors: Array) -> tuple[Array, Array]:
+    """Low modes to their own precision, where LAPACK's rounding is relative to the highest."""
+    values, vectors, low = values.copy(), vectors.copy(), values < 1e-6 * values.max(initial=0.0)
+    values[low], vectors[:, low] = _ritz(K, vectors[:, low])
     return values, vectors
 
 

@@ -90,6 +90,8 @@ def described(own: Structure) -> Iterator[str]:
     """Its modes, what the contact moves, preload, rigid motions, and damping with the contact tied, as lines."""
     import numpy as np
 
+    from fivcore import InputError
+
     yield f"{own!r}\ndigest {own.digest}\n"
     damping = own.damping[: len(own.frequency)]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -101,7 +103,11 @@ def described(own: Structure) -> Iterator[str]:
     if len(rows) > MOST:
         yield f"and {len(rows) - MOST} more, up to {own.frequency[-1]:.6g} Hz"
     rigid = int(np.count_nonzero(own.stiffness == 0.0))
-    found: dict[str, Any] = {"preload (normal force at rest for a unit load)": f"{own.preload:.6g}"}
+    try:
+        preload = f"{own.preload:.6g}"
+    except InputError:
+        preload = "none"
+    found: dict[str, Any] = {"preload (normal force at rest for a unit load)": preload}
     for name, row in (("normal", own.normal), ("tangential", own.tangential)):
         elastic = own.stiffness > 0.0
         compliance = float(np.sum(row[elastic] ** 2 / own.stiffness[elastic]))
