@@ -12,8 +12,8 @@ from fivcore.contact.reduced import reduced_model
 from fivcore.structure import MOTION_MODES
 from fivcore.transient.published import SHARE, default_step
 from tests.benchmarks.constants import by_modes, vibrating
-from tests.fivcore.test_structures import beams
 from tests.helpers import meshes
+from tests.helpers.structures import beams
 
 GIVEN = [{}, {"fmax": 10e3}, {"fmax": 20e3}, {"fmax": 100e3}]
 

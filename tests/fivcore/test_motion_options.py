@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fivcore import InputError, Scene, State, Structure, lyapunov_exponent, simulate
-from tests.fivcore.test_structures import beams
+from tests.helpers.structures import beams
 
 SLIDING = Scene(2e-3, 5.0, 0.05, 9.0)
 SLOW = Structure.from_modes([50.0, 170.0], [1.0, 0.3], [0.2, 1.0], load=[-1.0, -0.3], damping_ratio=0.01)

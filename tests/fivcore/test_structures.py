@@ -20,24 +20,10 @@ from fivcore import (
     sliding_modes,
 )
 from tests.helpers.plate import plate
-from tests.helpers.reference import assemble
+from tests.helpers.structures import beams
 
 RIG, THETA = Rig(), 5.0
 OSCILLATOR = {"frequency": [0.0, 1.0], "normal": [1.0, 0.0], "tangential": [0.0, 1.0], "load": [-1.0, 0.0]}
-
-
-def beams(convert=np.asarray, **given):
-    """The paper's rig from a second assembly of its finite elements."""
-    K, M, normal, tangential = assemble(RIG, THETA)
-    p1, p2 = RIG.p1.elements, RIG.p2
-    load, output, moved = np.zeros((3, len(K)))
-    load[3 * p1], output[3 * (p1 // 2)] = -1.0, 1.0
-    # P2's nodes move with its clamp, whose own element has a sixth of its mass on the first of them.
-    moved[3 * p1 + 1 :: 3] = 1.0
-    drive = M @ moved
-    drive[3 * p1 + 1] += p2.density * p2.width * p2.thickness * p2.length / p2.elements / 6.0
-    rows = {"normal": normal, "tangential": tangential, "load": load, "output": output, "drive": drive}
-    return Structure.from_matrices(convert(M), convert(K), **rows, d1=RIG.d1, d2=RIG.d2, **given)
 
 
 @pytest.mark.parametrize("given", [{}, {"fmax": 94e3}, {"fmax": 94e3, "convert": sparse.csc_array}])

@@ -366,10 +366,11 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                         if rigid and not np.isnan(old_T) and (was == STICK or T * old_T < 0.0):
                             # Friction before the change, for that part of the step or back from the last one.
                             share = locate(scene, law, was, p, stick_N, vN, vT, last_rate)
-                            less_N, less_T = N, T
-                            T += (share - 0.5) * (old_T - T)
-                            N = max(-(closing + M_NT * T) / M_NN, 0.0)
-                            less_N, less_T = N - less_N, T - less_T
+                            less_T = (share - 0.5) * (old_T - T)
+                            less_N = -M_NT / M_NN * less_T
+                            if not N + less_N > 0.0:
+                                less_N, less_T = 0.0, 0.0
+                            N, T = N + less_N, T + less_T
                     else:
                         closed, N, T = False, 0.0, 0.0
                         end_N, end_T = relax[0] * p + relax[1] * before, relax[2] * p + relax[3] * before
