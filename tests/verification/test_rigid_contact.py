@@ -61,9 +61,9 @@ def test_an_impact_has_restitution_zero_and_an_impulse_within_the_cone(method, e
 def test_shares_of_fast_converge_to_those_of_exact():
     scene = Scene(2e-2, 0.0, 0.3, 50.0, PIN)
     exact = shares(simulate(scene, 0.6, "exact", settle=0.1))
-    coarse, fine = (np.abs(shares(simulate(scene, 0.6, settle=0.1, step=h)) - exact).max() for h in (4e-6, 5e-7))
+    coarse, fine = (np.abs(shares(simulate(scene, 0.6, settle=0.1, step=h)) - exact).max() for h in (2e-6, 5e-7))
     assert fine < 0.003
-    assert coarse < 0.02
+    assert coarse < 0.01
 
 
 def small(seed):

@@ -367,6 +367,10 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                             # Friction before the change, for that part of the step or back from the last one.
                             share = locate(scene, law, was, p, stick_N, vN, vT, last_rate)
                             less_T = (share - 0.5) * (old_T - T)
+                            # Without a jump no further than to where slip would turn and friction drive it.
+                            rate, mobility = vT + M_NT * N + M_TT * T, M_TT - M_NT * M_NT / M_NN
+                            if scene.kinetic == mu and m * (rate + mobility * less_T) > 0.0:
+                                less_T = -rate / mobility
                             less_N = -M_NT / M_NN * less_T
                             if not N + less_N > 0.0:
                                 less_N, less_T = 0.0, 0.0
