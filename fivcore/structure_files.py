@@ -145,8 +145,14 @@ def _text_matrix(path: Path) -> tuple[Any, Any]:
     """The matrix in a text file, and the labels of its rows."""
     lines = path.read_text("utf-8", errors="replace").lstrip("\ufeff\r\n\t ").splitlines()
     if lines and (banner := re.match(r"%+\s*matrixmarket\s(.*)", lines[0], re.IGNORECASE)):
-        content = [f"%%MatrixMarket {' '.join(banner[1].lower().split())}", *_decimal(lines[1:])]
-        return io.mmread(BytesIO("\n".join(content).encode())), None
+        words, body = banner[1].lower().split(), [line for line in lines[1:] if line.strip() and "%" not in line]
+        body = _decimal(body)
+        width = 1 + 2 * ("coordinate" in words) - ("pattern" in words) + ("complex" in words)
+        # SciPy's reader stops at a wrong character in silence, or with the whole process.
+        if len(body) > 1 and (found := np.loadtxt(body[1:], ndmin=2).shape[1]) != width:
+            raise InputError(f"its lines have {found} numbers; by its banner they must have {width}")
+        content = "\n".join([f"%%MatrixMarket {' '.join(words)}", *body])
+        return io.mmread(BytesIO(content.encode())), None
     labels, kind = None, lines[2][:3].upper() if len(lines) > 4 else ""
     if re.fullmatch("[RCP][SUHZR][AE]", kind):
         # Harwell-Boeing format: Duff, Grimes and Lewis, ACM Trans. Math. Software 15 (1989) 1-14.

@@ -54,7 +54,7 @@ def matrix_input(k):
 
 
 def market(k, symmetry="general"):
-    return lambda file: scipy.io.mmwrite(file, sparse.coo_array(k), symmetry=symmetry, precision=17)
+    return lambda file: scipy.io.mmwrite(file, k, symmetry=symmetry, precision=17)
 
 
 FILES = {
@@ -62,8 +62,8 @@ FILES = {
     "dense.mat": lambda file: scipy.io.savemat(file, {"K": K}),
     "k.npz": lambda file: sparse.save_npz(file, sparse.csr_array(K)),
     "dense.npz": lambda file: np.savez(file, K=K),
-    "general.mtx": market(K),
-    "symmetric.mtx": market(K, "symmetric"),
+    "general.mtx": market(sparse.coo_array(K)),
+    "symmetric.mtx": market(sparse.coo_array(K), "symmetric"),
     "both.mtx": coordinate(K),
     "lower.mtx": coordinate(LOWER),
     "both.inp": matrix_input(K),
@@ -89,6 +89,8 @@ FILES |= {
     "fortran.txt": "%%" + SYMMETRIC + SIZE + fortran(LOWER),
     "fortran.inp": matrix_input(LOWER.T).replace("e-", "D-"),
     "lower-d.mtx": fortran(LOWER).lower(),
+    "gaps.mtx": "%%" + SYMMETRIC + "\n%\n" + SIZE + "\n% late\n" + coordinate(LOWER).replace("\n", "\n\n"),
+    "array.mtx": market(K),
 }
 OTHERS = {
     "job.dof": "".join(f"{1 + i // 3}.{1 + i % 3}\n" for i in range(12)),
@@ -104,10 +106,14 @@ DAMAGED = {
     "pickled.npz": (lambda file: np.savez(file, K=np.array([{}], dtype=object)), "allow_pickle"),
     "v73.mat": ("MATLAB 7.3 MAT-file".ljust(124) + "\0\2IM" + "\0" * 400, "'-v7'"),
     "cut.mat": ("MATLAB 5.0 MAT-file".ljust(124) + "\0\1IM" + "\1", "cannot be read"),
-    "complex.mtx": (market(1j * K), "real"),
+    "complex.mtx": (market(sparse.coo_array(1j * K)), "real"),
     "csa.hb": (harwell_boeing(LOWER, kind="CSA"), "CSA, .* RSA"),
     "cut.hb": (harwell_boeing(LOWER)[:900], "cannot be read"),
     "four.mtx": ("1 1 1 1\n", "i, j, value"),
+    # SciPy takes the first for 2.0, and ends Python with the second.
+    "letter.mtx": ("%%" + SYMMETRIC + "3 3 2\n1 1 2.0Q6\n2 2 1.0\n", "2.0Q6"),
+    "more.mtx": ("%%" + SYMMETRIC + "3 3 2\n1 1 2.0 abc\n2 2 1.0 7\n", "abc"),
+    "wide.mtx": ("%%" + SYMMETRIC + "3 3 2\n1 1 2.0 7\n2 2 1.0 7\n", "4 numbers; .* must have 3"),
     # A size line that does not agree with its entries, or may be one itself; indices from 0; whole matrices.
     "short.mtx": ("3 3 6\n1 1 2.0\n2 2 2.0\n3 3 1.0\n", "first line, 3 3 6, .* 6 entries, but 3 follow"),
     "lost.mtx": ("3 3 3\n1 1 2.0\n2 2 2.0\n", "first line, 3 3 3, .* but 2 follow"),
