@@ -505,9 +505,14 @@ def _for_motion(own: Structure, band: float | None, n: int, up_to: Callable[[flo
     if band is None and n <= MOTION_MODES:
         return own
     found, top, most = own, band or 0.0, min(max(n // 2, 2), MOST_MODES)
+    factor, before = 2.0, 0
     while (cutoff := motion_cutoff(found, most)) is None and found.static:
-        # Bending modes grow sparser as the root of frequency.
-        top *= float(np.clip((1.1 * MOTION_MODES / len(found.frequency)) ** 2, 1.25, 8.0))
+        m = len(found.frequency)
+        if before:
+            # As the number of modes grows with frequency: of beams as its root, of a plate as it or its square.
+            power = np.clip(np.log(m / before) / np.log(factor), 0.4, 3.0)
+            factor = float(np.clip((1.1 * MOTION_MODES / m) ** (1.0 / power), 1.25, 8.0))
+        top, before = top * factor, m
         found = up_to(top)
     if cutoff is None or found is own:
         return replace(own, cutoff=cutoff)
