@@ -262,7 +262,7 @@ def respond(
 def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law: Any, tangent: Any) -> None:
     """Take a scene to its next pause."""
     mu, kinetic, step, rigid, ramp = scene.mu, scene.kinetic, scene.step, scene.rigid != 0, scene.ramp
-    per_step = 1.0 / step
+    per_step, kept = 1.0 / step, scene.kinetic == mu and len(law) == 0
     stick_law, slip_law, relax = scene.stick_law, scene.slip_law, scene.relax
     M_NN, M_NT, M_TT = scene.M[0], scene.M[1], scene.M[2]
     K_NN, K_NT, K_TT = scene.K[0], scene.K[1], scene.K[2]
@@ -367,9 +367,9 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                             # Friction before the change, for that part of the step or back from the last one.
                             share = locate(scene, law, was, p, stick_N, vN, vT, last_rate)
                             less_T = (share - 0.5) * (old_T - T)
-                            # Without a jump no further than to where slip would turn and friction drive it.
+                            # Where friction is constant no further than to where slip would turn and be driven.
                             rate, mobility = vT + M_NT * N + M_TT * T, M_TT - M_NT * M_NT / M_NN
-                            if scene.kinetic == mu and m * (rate + mobility * less_T) > 0.0:
+                            if kept and m * (rate + mobility * less_T) > 0.0:
                                 less_T = -rate / mobility
                             less_N = -M_NT / M_NN * less_T
                             if not N + less_N > 0.0:
