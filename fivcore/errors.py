@@ -41,6 +41,10 @@ class OutOfBandWarning(UserWarning):
     """Sliding is unstable by a mode above the band in which onsets of flutter are searched by default."""
 
 
+class DampingWarning(UserWarning):
+    """No damping by mode gives the tied modes of a structure the ratios that were asked for."""
+
+
 # That band, Hz.
 BAND = 10e3
 

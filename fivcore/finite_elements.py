@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg, sparse
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from scipy.sparse.linalg import splu, spsolve_triangular
 
 from fivcore import checks
-from fivcore.errors import InputError
+from fivcore.beams.modes import EPS
+from fivcore.errors import InputError, UnsolvedError
 from fivcore.jit import Array
 
 # Degrees of freedom up to which all modes are computed, dense.
 DENSE = 600
-# Stiffness of a static mode, in units of the largest one; largest stiffness of a rigid motion, likewise.
-STATIC, RIGID = 1e12, 1e-10
+# Stiffness of a static mode, in units of the largest one.
+STATIC = 1e12
+# Vectors of a block of the Lanczos method, at least; share of the modes up to which it is used, for it needs about
+# three times as many vectors as it finds modes; residual of a mode that has converged.
+WIDTH, FEW, CONVERGED = 8, 0.25, 1e-10
+# What is left of a direction, relative to it, that is rounding; error of a factorisation, relative to its terms,
+# up to which its pivots count.
+LOST, SOUND = 1e-12, 1e-10
+# Memory that modes may take, GB.
+MEMORY = 16.0
+# Strain energy of a rigid motion, in units of EPS |x|^T |K| |x|, at most: equal elements round alike, so that free
+# plates have up to 0.5, and an element's own formulas may round a few times as much.
+RIGID = 8.0
 
 
 def checked_matrix(name: str, value: Any, n: int | None) -> Any:
@@ -31,75 +45,167 @@ def checked_matrix(name: str, value: Any, n: int | None) -> Any:
         raise InputError(f"{name} of shape {matrix.shape}: it must be {allowed}")
     if not np.all(np.isfinite(matrix.data if sparse.issparse(matrix) else matrix)):
         raise InputError(f"{name}: it has entries that are not finite")
-    most, off = abs(matrix).max(), abs(matrix - matrix.T).max()
+    free = free_rows(matrix) if name == "stiffness" else np.full(matrix.shape[0], True)
+    part = matrix if free.all() else matrix[free][:, free]
+    most, off = abs(part).max(), abs(part - part.T).max()
     if off > 1e-8 * most:
-        triangles = [abs(part(matrix, k)).max() for part, k in ((sparse.tril, -1), (sparse.triu, 1))]
+        triangles = [abs(half(part, k)).max() for half, k in ((sparse.tril, -1), (sparse.triu, 1))]
         hint = "only one triangle is there: add the other one" if 0.0 in triangles else "take (A + A.T) / 2"
         raise InputError(f"{name}: not symmetric, by {off / most:.2g} of its largest entry; {hint}")
     return 0.5 * (matrix + matrix.T)
 
 
-def lowest_modes(M: Any, K: Any, fmax: float | None, rows: Array) -> tuple[Array, Array, Array | None]:
-    """Stiffness and mass-normalised modes up to fmax, Hz; static compliance of the others at `rows`, (3, 3)."""
-    n = M.shape[0]
-    limit = np.inf if fmax is None else (2.0 * np.pi * fmax) ** 2
-    if n <= DENSE:
+def free_rows(K: Any) -> NDArray[np.bool_]:
+    """Degrees of freedom that are not held, (n,): beside the stiffness of a held one all others are rounding."""
+    diagonal = K.diagonal()
+    ascending = np.sort(diagonal[diagonal > 0.0])
+    jumps = np.flatnonzero(ascending[:-1] < EPS * ascending[1:])
+    free = np.asarray(diagonal <= (ascending[jumps[0]] if len(jumps) else np.inf))
+    coupling = abs(K[~free]).sum(axis=1) - diagonal[~free]
+    if np.any(coupling > len(free) * EPS * diagonal[~free]):
+        text = f"{coupling.max():g} off the diagonal, beside which all others are rounding"
+        raise InputError(f"stiffness: it has entries of {text}; tie degrees of freedom by eliminating some")
+    return free
+
+
+def lowest_modes(
+    M: Any, K: Any, fmax: float | None, rows: Array, names: Any
+) -> tuple[Array, Array, Array | None, float]:
+    """Stiffness and mass-normalised modes up to fmax, Hz; static compliance of the others at `rows`, (3, 3).
+
+    Also the frequency, Hz, up to which motions count as rigid, 0 without one. `names`, (n,), are those of the
+    degrees of freedom in messages. No mode is missing: all are computed, or as many as K - limit M has negative
+    pivots (Sylvester's law of inertia).
+    """
+    n, limit = M.shape[0], np.inf if fmax is None else (2.0 * np.pi * fmax) ** 2
+    _check_mass(M, names)
+    if n > DENSE:
+        M, K = sparse.csc_array(M), sparse.csc_array(K)
+        limit, count = _count_below(M, K, limit)
+        # Three arrays of the basis, or of all modes.
+        if (size := 24e-9 * n * min(n, 3 * count)) > MEMORY:
+            raise InputError(f"fmax = {fmax:g}: the {count} modes below it need {size:.0f} GB; lower it")
+    if n > DENSE and max(count, WIDTH) < FEW * n:
+        # A negative shift: the factorised matrix is positive definite, with rigid motions too.
+        shift = 1e-3 * limit
+        factors = _factorised(K + shift * M)
+        if factors.U.diagonal().min() > 0.0:
+            vectors = _block_lanczos(M, factors.solve, shift, limit, count)
+        else:
+            motion = _least_motion(factors)
+            vectors = (motion / np.sqrt(motion @ (M @ motion)))[:, None]
+        values, vectors = _ritz(K, vectors)
+    else:
         M, K = (matrix.toarray() if sparse.issparse(matrix) else matrix for matrix in (M, K))
-        try:
-            values, vectors = linalg.eigh(K, M)
-        except np.linalg.LinAlgError:
-            text = "mass: it must be positive definite; remove degrees of freedom without mass, or condense them"
-            raise InputError(text) from None
-        if values.min() > -1e-12 * np.abs(values).max():
-            values, vectors = _refined(M, K, values, vectors)
-        _definite(values, 1e-14 * np.abs(values).max(), vectors)
-        kept = values < limit
-        if not kept.any():
-            raise InputError(f"fmax = {fmax:g}: no mode is below it; the lowest has {_hertz(values[0]):.6g} Hz")
-        if kept.all():
-            return values, vectors, None
-        dropped = rows @ vectors[:, ~kept]
-        return values[kept], vectors[:, kept], (dropped / values[~kept]) @ dropped.T
-    if M.diagonal().min() <= 0.0:
-        raise InputError(
-            f"mass: degree of freedom {int(M.diagonal().argmin())} has none; remove all without, or condense them"
-        )
-    M, K = sparse.csc_array(M), sparse.csc_array(K)
-    # A negative shift: the factorised matrix is positive definite, with rigid motions too.
-    shift = 1e-3 * limit
-    factors = splu(sparse.csc_array(K + shift * M), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-    inverse = LinearOperator((n, n), matvec=factors.solve, dtype=float)
-    count = 20
-    while True:
-        count = min(count, n - 1)
-        values, vectors = eigsh(K, count, M, sigma=-shift, OPinv=inverse, v0=np.ones(n))
-        if values.max() > limit or count == n - 1:
-            break
-        count *= 2
-    _definite(values, RIGID * limit, vectors)
-    if not np.any(values < limit):
+        values, vectors = refined(K, *linalg.eigh(K, M))
+    rigid = _rigid(K, values, vectors, names)
+    kept = values < limit
+    if not kept.any():
         raise InputError(f"fmax = {fmax:g}: no mode is below it; the lowest has {_hertz(values.min()):.6g} Hz")
-    values, vectors = values[values < limit], vectors[:, values < limit]
+    if kept.all() and len(values) == n:
+        return values, vectors, None, rigid
+    if len(values) == n:
+        dropped = rows @ vectors[:, ~kept]
+        return values[kept], vectors[:, kept], (dropped / values[~kept]) @ dropped.T, rigid
     # Forces without the part that the modes bear; each solution has an error of shift / limit of the one before.
     forces = rows.T - M @ (vectors @ (vectors.T @ rows.T))
     solved = np.zeros_like(forces)
     for _ in range(8):
         solved += factors.solve(forces - K @ solved)
         solved -= vectors @ (vectors.T @ (M @ solved))
-    return values, vectors, forces.T @ solved
+    return values, vectors, forces.T @ solved, rigid
 
 
-def _refined(M: Array, K: Array, values: Array, vectors: Array) -> tuple[Array, Array]:
-    """Low modes to their own precision, by one inverse iteration: rounding is relative to the highest."""
-    low = values < 1e-6 * values.max()
-    if not low.any():
-        return values, vectors
-    shift = 1e-6 * values.max()
-    images = M @ vectors[:, low]
-    small = images.T @ linalg.cho_solve(linalg.cho_factor(K + shift * M), images)
-    inverse, mixed = np.linalg.eigh(0.5 * (small + small.T))
-    values, vectors = values.copy(), vectors.copy()
-    values[low], vectors[:, low] = (1.0 / inverse - shift)[::-1], vectors[:, low] @ mixed[:, ::-1]
+def _factorised(matrix: Any) -> Any:
+    """L D L^T of a sparse symmetric matrix, with the pivots of the diagonal in an order that keeps it sparse."""
+    options = {"SymmetricMode": True}
+    return splu(sparse.csc_array(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+
+
+def _least_motion(factors: Any) -> Array:
+    """The motion x = L^-T e of the smallest pivot, (n,): x^T A x is that pivot."""
+    pivots = factors.U.diagonal()
+    unit = np.eye(1, len(pivots), pivots.argmin())[0]
+    return np.asarray(spsolve_triangular(factors.L.T.tocsr(), unit, lower=False)[factors.perm_r])
+
+
+def _count_below(M: Any, K: Any, limit: float) -> tuple[float, int]:
+    """A limit just below the one given, and the number of modes below it: the negative pivots of K - limit M.
+
+    Where a mode lies so near the limit that the factorisation is not sound, the limit is lowered further.
+    """
+    start = np.random.default_rng(0).standard_normal(M.shape[0])
+    for nudge in 10.0 ** np.arange(-9.0, -3.0):
+        lower = (1.0 - nudge) * limit
+        matrix = K - lower * M
+        try:
+            factors = _factorised(matrix)
+        except RuntimeError:  # A pivot is zero.
+            continue
+        solved = factors.solve(start)
+        error = np.abs(matrix @ solved - start) / (abs(matrix) @ np.abs(solved) + np.abs(start))
+        if np.array_equal(factors.perm_r, factors.perm_c) and error.max() < SOUND:
+            return lower, int(np.count_nonzero(factors.U.diagonal() < 0.0))
+    raise UnsolvedError(f"fmax = {_hertz(limit):g}: the modes below it cannot be counted; another fmax may do")
+
+
+def _block_lanczos(M: Any, solve: Callable[[Array], Array], shift: float, limit: float, count: int) -> Array:
+    """The `count` lowest modes, at least one, mass-normalised, (n, count), by (K + shift M)^-1 = `solve`.
+
+    Block Lanczos method with full orthogonalisation (Grimes, Lewis and Simon, SIAM J. Matrix Anal. Appl. 15, 1994,
+    228-272). Directions that the basis has already are replaced by random ones: so it goes on until it has every
+    member of a multiple mode.
+    """
+    n, random, most = M.shape[0], np.random.default_rng(0), max(count, 1)
+    basis, small, checked = np.zeros((n, 0)), np.zeros((0, 0)), 0
+    block = _orthonormal(M, basis, random.standard_normal((n, max(WIDTH, most // 4))), random)
+    while True:
+        image, known = solve(M @ block), basis.shape[1]
+        basis = np.hstack([basis, block])
+        column = basis.T @ (M @ image)
+        small = np.block([[small, column[:known]], [column.T]])
+        block, size = _orthonormal(M, basis, image, random), basis.shape[1]
+        if size < n and size < max(most, 1.1 * checked):
+            continue
+        checked = size
+        inverse, turn = np.linalg.eigh(small)
+        # Each Ritz value is above a mode of its own, so there are at least as many modes.
+        found = int(np.count_nonzero(1.0 / inverse - shift < limit))
+        inverse, turn = inverse[-most:], turn[:, -most:]
+        rest = np.linalg.norm((block.T @ (M @ image)) @ turn[known:], axis=0)
+        if size == n or found > count or (found == count and np.all(rest < CONVERGED * inverse)):
+            break
+    if found != count:
+        text = f"{found} modes are below it, but {count} by the signs of pivots"
+        raise UnsolvedError(f"fmax = {_hertz(limit):g}: {text}; another fmax may do")
+    return np.asarray(basis @ turn)
+
+
+def _orthonormal(M: Any, basis: Array, block: Array, random: np.random.Generator) -> Array:
+    """M-orthonormal directions of a block beyond the basis, (n, k), with random ones for what it has already."""
+    block = block[:, : basis.shape[0] - basis.shape[1]]
+    for attempt in range(4):
+        block = block / np.sqrt(np.sum(block * (M @ block), axis=0))
+        block = block - basis @ (basis.T @ (M @ block))
+        block = block @ np.linalg.eigh(block.T @ (M @ block))[1]
+        lost = np.sum(block * (M @ block), axis=0) < LOST**2
+        if attempt < 2:
+            block[:, lost] = random.standard_normal((len(block), int(lost.sum())))
+    return np.asarray(block / np.sqrt(np.sum(block * (M @ block), axis=0)))
+
+
+def _ritz(K: Any, vectors: Array) -> tuple[Array, Array]:
+    """Stiffness and modes in a span of modes, by strain energy: its rounding is relative to its own products."""
+    # Of a low mode the forces nearly cancel; where the processor has more digits for them, they are taken.
+    small = vectors.T @ (K.astype(np.longdouble) @ vectors).astype(float)
+    values, turn = np.linalg.eigh(0.5 * (small + small.T))
+    return values, vectors @ turn
+
+
+def refined(K: Array, values: Array, vectors: Array) -> tuple[Array, Array]:
+    """Low modes to their own precision, where LAPACK's rounding is relative to the highest."""
+    values, vectors, low = values.copy(), vectors.copy(), values < 1e-6 * values.max(initial=0.0)
+    values[low], vectors[:, low] = _ritz(K, vectors[:, low])
     return values, vectors
 
 
@@ -107,13 +213,35 @@ def _hertz(value: float) -> float:
     return float(np.sqrt(max(value, 0.0))) / (2.0 * np.pi)
 
 
-def _definite(values: Array, rounding: float, vectors: Array) -> None:
-    """Set the stiffness of rigid motions to zero; an error where a motion has negative stiffness."""
-    if values.min() < -rounding:
-        dof = int(np.abs(vectors[:, values.argmin()]).argmax())
-        text = f"a motion, largest at degree of freedom {dof}, has {values.min():g} 1/s2"
+def _rigid(K: Any, values: Array, vectors: Array, names: Any) -> float:
+    """Set the stiffness of rigid motions to zero; an error where a motion has negative stiffness.
+
+    Rigid is what has no more strain energy than rounding of the entries of K may give it; the largest frequency
+    that it may have, Hz, is returned.
+    """
+    rounding = RIGID * EPS * np.sum(np.abs(vectors) * (abs(K) @ np.abs(vectors)), axis=0)
+    worst = int((values + rounding).argmin())
+    if values[worst] < -rounding[worst]:
+        place = names[np.abs(vectors[:, worst]).argmax()]
+        text = f"a motion, largest at {place}, has {values[worst]:g} 1/s2"
         raise InputError(f"stiffness: indefinite: {text}; add what supports the structure, or correct its sign")
-    values[np.abs(values) <= rounding] = 0.0
+    rigid = np.abs(values) <= rounding
+    values[rigid] = 0.0
+    return _hertz(rounding[rigid].max(initial=0.0))
+
+
+def _check_mass(M: Any, names: Any) -> None:
+    """Raise unless the mass is positive definite beyond rounding; the message names a motion without mass."""
+    n, mass, text = M.shape[0], M.diagonal(), "mass: it must be positive definite"
+    if mass.min() <= 0.0:
+        least = int(mass.argmin())
+        raise InputError(f"{text}; {names[least]} has {mass[least]:g}: remove all without mass, or condense them")
+    scale = sparse.diags_array(1.0 / np.sqrt(mass))
+    scaled = scale @ sparse.csc_array(M) @ scale + n * EPS * sparse.eye_array(n)
+    motion = _least_motion(_factorised(scaled))
+    if motion @ (scaled @ motion) < 2.0 * n * EPS * (motion @ motion):
+        place = names[np.abs(scale @ motion).argmax()]
+        raise InputError(f"{text}; a motion, largest at {place}, has none: condense it, or give it mass")
 
 
 def static_modes(compliance: Array, largest: float) -> tuple[Array, Array, Array, Array]:

@@ -109,6 +109,10 @@ class Structural:
     d2: float
     _repr_html_: Any
 
+    def mirrored(self) -> Any:
+        """Return what a mirror along y shows; of a rig that is the same at -theta."""
+        return self
+
 
 def checked_theta(name: str, rig: Any, theta: Any) -> float:
     """Check a rig with its inclination, degrees, or a structure with theta = 0; return theta."""
@@ -297,8 +301,8 @@ class Scene:
         return html_table("Scene", ("", "value", "unit"), rows) + self.rig._repr_html_()
 
     def mirrored(self) -> Scene:
-        """Return the same motion seen in a mirror along y: V and theta change sign, nothing else."""
-        return replace(self, V=-self.V, theta=-self.theta)
+        """Return the same motion seen in a mirror along y: -V, -theta, and of a structure its mirror image."""
+        return replace(self, V=-self.V, theta=-self.theta, rig=self.rig.mirrored())
 
     @property
     def drive_theta(self) -> float:

@@ -6,12 +6,14 @@ of the drive), contact forces N and T and the load F,
     q'' + c q' + p q = n N + t T + l F + m X''.
 
 Modes that a finite-element model has beyond those that are computed act by their static compliance: two modes far
-above all others have it (`static_modes`).
+above all others have it (`static_modes`). Stability needs the modes of its band, motion those that take part in
+impacts: from matrices, `MOTION_MODES` modes that move the gaps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from hashlib import sha256
@@ -24,15 +26,24 @@ from scipy import linalg, sparse
 from fivcore import checks
 from fivcore.beams.elements import axial
 from fivcore.beams.modes import contact_modes, one_blas_thread, rig_bases
-from fivcore.errors import InputError
-from fivcore.finite_elements import DENSE, checked_matrix, lowest_modes, static_modes
+from fivcore.damping import SHARE, fitted, tied_modes, tied_ratios
+from fivcore.errors import DampingWarning, InputError
+from fivcore.finite_elements import DENSE, checked_matrix, free_rows, lowest_modes, static_modes
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig, Structural, html_table
 from fivcore.structure_files import structure_arguments
 
 # Frequency at which times and bands are those of the beams, Hz.
 MIDDLE = 5e3
+# Share of its products up to which the normal force at rest is rounding: of a pin on soft springs, loaded at its
+# far end, 1e-9 to 1e-7 with 4 to 80 elements, and 3e-5 on processors without long double.
+PRESSED, NO_PRELOAD = 1e-4, "it does not press the contact at rest, so that there is no motion with friction"
 ROWS = ("normal", "tangential", "inertia", "output", "load")
+# Modes that move the gaps below the default cut-off of motion (the paper's rig: 115 kHz); a mode does if its share
+# of a gap's inverse mass is above PART of the mean up to it (`python -m tests.benchmarks constants`).
+MOTION_MODES, PART = 39, 1e-3
+# Most modes in motion, whether they move the gaps or not.
+MOST_MODES = 400
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,6 +66,10 @@ class Structure(Structural, ReadOnlyArrays):
         How many modes, the last ones, are there for the static compliance of those that are not computed.
     remarks : tuple of str
         What was left out.
+    cutoff : float or None
+        Default cut-off of motion, Hz; None: the highest mode.
+    wider : Structure or None
+        The structure for motion, where that needs more modes than stability.
     """
 
     stiffness: Array
@@ -67,6 +82,8 @@ class Structure(Structural, ReadOnlyArrays):
     rayleigh: tuple[float, float] | None
     static: int = 0
     remarks: tuple[str, ...] = ()
+    cutoff: float | None = None
+    wider: Structure | None = None
 
     @classmethod
     def of(cls, rig: Rig, theta: float) -> Structure:
@@ -141,12 +158,16 @@ class Structure(Structural, ReadOnlyArrays):
         d2: float = 0.0,
         damping_ratio: Any = None,
         fmax: float | None = None,
+        names: Sequence[str] | None = None,
     ) -> Structure:
         """Compute the modes of a finite-element model with its contact open.
 
-        Modes up to `fmax` are computed by shift and invert, all of them where there are at most 600 degrees of
-        freedom and no `fmax`; the others act by their static compliance at contact and load, from the same
-        factorisation.
+        Modes up to `fmax` are computed, all of them where there are at most 600 degrees of freedom and no `fmax`;
+        the others act by their static compliance at contact and load. Larger models are solved by shift and
+        invert, and no mode is missing: there are as many as stiffness - (2 pi fmax)^2 mass has negative pivots. A
+        motion is rigid if its strain energy is within rounding of the stiffness; a remark says up to which
+        frequency. Degrees of freedom beside whose stiffness all others are rounding, as with Abaqus' 1e36, are
+        held and left out.
 
         Parameters
         ----------
@@ -160,12 +181,17 @@ class Structure(Structural, ReadOnlyArrays):
         d1, d2, damping_ratio :
             As for `from_modes`.
         fmax : float, optional
-            Highest frequency of a mode, Hz. Default: 10 kHz for more than 600 degrees of freedom.
+            Highest frequency of a mode for stability, Hz. Default: 10 kHz for more than 600 degrees of freedom.
+            For motion as many modes are computed as it needs (`wider`).
+        names : sequence of str, (n,), optional
+            What messages call the degrees of freedom. Default: "degree of freedom 7", from 0.
 
         Raises
         ------
         ValueError
             Naming the argument, its value and what is allowed, or the motion that nothing holds.
+        ArithmeticError
+            Where the modes that were found are not as many as there are.
         """
         M = checked_matrix("mass", mass, None)
         n = M.shape[0]
@@ -173,24 +199,32 @@ class Structure(Structural, ReadOnlyArrays):
         C = None if damping is None else checked_matrix("damping", damping, n)
         given = {"normal": normal, "tangential": tangential, "load": load, "output": output, "drive": drive}
         rows = {name: _over_dofs(name, row, n) for name, row in given.items() if row is not None}
+        if names is not None and len(names) != n:
+            raise InputError(f"names: there are {len(names)}; it must be {n}, one for each degree of freedom")
+        remarks, free, diagonal = tuple[str, ...](), free_rows(K), K.diagonal()
+        name = np.array([f"degree of freedom {dof}" for dof in range(n)] if names is None else names)[free]
+        if not free.all():
+            M, K, C = (None if each is None else each[free][:, free] for each in (M, K, C))
+            rows = {each: row[free] for each, row in rows.items()}
+            remarks = (f"stiffness: {n - len(name)} degrees of freedom are held, with {diagonal.max():g}",)
         contact = np.stack([rows["normal"], rows["tangential"], rows["load"]])
         band = None if fmax is None else checks.band(fmax)
         band = 10e3 if band is None and n > DENSE else band
-        values, vectors, compliance = lowest_modes(M, K, band, contact)
-        own = contact @ vectors
-        output_row, drive_row = rows.get("output", rows["tangential"]), rows.get("drive", np.zeros(n))
-        inertia, read = -drive_row @ vectors, output_row @ vectors
-        structure = _modal(values, list(own), inertia, read, (d1, d2), damping_ratio, compliance, vectors)
-        if C is None:
-            return structure
-        by_modes = vectors.T @ (C @ vectors)
-        diagonal = np.diag(by_modes)
-        if diagonal.min() < -1e-9 * np.abs(by_modes).max():
-            raise InputError(f"damping: it gives a mode {diagonal.min():g} 1/s; it must not be negative")
-        coupling = float(np.abs(by_modes - np.diag(diagonal)).max() / max(diagonal.max(), 1e-300))
-        text = f"damping: coupling of modes is left out, at most {coupling:.3g} of the largest term"
-        added = np.pad(np.maximum(diagonal, 0.0), (0, structure.static))
-        return replace(structure, damping=structure.damping + added, rayleigh=None, remarks=(text,))
+        output_row, drive_row = rows.get("output", rows["tangential"]), rows.get("drive", np.zeros(len(name)))
+
+        def up_to(top: float | None) -> Structure:
+            values, vectors, compliance, rigid = lowest_modes(M, K, top, contact, name)
+            ratio = damping_ratio
+            if np.ndim(ratio) == 1 and top != band:
+                # Further modes have the last ratio.
+                ratio = np.pad(ratio, (0, max(len(values) - len(ratio), 0)), mode="edge")
+            inertia, read, own = -drive_row @ vectors, output_row @ vectors, list(contact @ vectors)
+            found = _modal(values, own, inertia, read, (d1, d2), ratio, compliance, vectors, name)
+            text = f"stiffness: motions below {rigid:.2g} Hz, which is its rounding, count as rigid"
+            found = replace(found, remarks=(*found.remarks, *remarks, *([text] if rigid else [])))
+            return found if C is None else _with_matrix(found, vectors.T @ (C @ vectors))
+
+        return _for_motion(up_to(band), band, len(name), up_to)
 
     @classmethod
     def read(cls, path: str | Path) -> Structure:
@@ -201,21 +235,26 @@ class Structure(Structural, ReadOnlyArrays):
 
     @cached_property
     def digest(self) -> str:
-        """Digest of all numbers."""
+        """Digest of all numbers, and of the law of damping, by which stability is computed."""
         rows = [getattr(self, name) for name in ("stiffness", "damping", *ROWS)]
-        return sha256(np.stack(rows).tobytes() + bytes([self.static])).hexdigest()
+        content = np.stack(rows).tobytes() + np.array(self.rayleigh or (np.nan, np.nan)).tobytes()
+        content += bytes([self.static]) + (b"" if self.cutoff is None else f"cutoff {self.cutoff!r}".encode())
+        return sha256(content + (self.wider.digest.encode() if self.wider else b"")).hexdigest()
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers as lists, from which `from_dict` makes an equal structure."""
         rows = {name: getattr(self, name).tolist() for name in ("stiffness", "damping", *ROWS)}
-        return rows | {"rayleigh": self.rayleigh, "static": self.static, "remarks": list(self.remarks)}
+        own = {"rayleigh": self.rayleigh, "static": self.static, "remarks": list(self.remarks)}
+        return rows | own | {"cutoff": self.cutoff, "wider": self.wider.to_dict() if self.wider else None}
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Structure:
         """The structure of `to_dict`."""
-        rows = {name: np.array(content[name], dtype=float) for name in ("stiffness", "damping", *ROWS)}
+        rows: dict[str, Any] = {name: np.array(content[name], float) for name in ("stiffness", "damping", *ROWS)}
         rayleigh = None if content["rayleigh"] is None else (content["rayleigh"][0], content["rayleigh"][1])
-        return cls(**rows, rayleigh=rayleigh, static=int(content["static"]), remarks=tuple(content["remarks"]))
+        found = cls(**rows, rayleigh=rayleigh, static=int(content["static"]), remarks=tuple(content["remarks"]))
+        wider = content.get("wider")
+        return replace(found, cutoff=content.get("cutoff"), wider=cls.from_dict(wider) if wider else None)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Structure) and self.digest == other.digest
@@ -228,7 +267,7 @@ class Structure(Structural, ReadOnlyArrays):
         return f"Structure({len(self.frequency)} modes up to {top:.6g} Hz, {self.digest[:12]})"
 
     def _repr_html_(self) -> str:
-        own = (("modes", f"{len(self.frequency)}", "1"), ("preload", f"{self.preload:g}", "1"))
+        own = (("modes", f"{len(self.frequency)}", "1"), ("preload", f"{self._normal_force[0]:g}", "1"))
         modes = enumerate(self.frequency[:12].tolist(), 1)
         rows = [*own, *((f"mode {number}", f"{each:.6g}", "Hz") for number, each in modes)]
         return html_table("Structure", ("", "value", "unit"), rows)
@@ -250,12 +289,21 @@ class Structure(Structural, ReadOnlyArrays):
 
     @cached_property
     def preload(self) -> float:
-        """Normal force at rest with T = 0 for a unit load, from g_N = 0."""
+        """Normal force at rest with T = 0 for a unit load, from g_N = 0; an `InputError` where there is none."""
+        force, rounding = self._normal_force
+        if abs(force) <= rounding:
+            raise InputError(f"load: {NO_PRELOAD}; change where it acts")
+        return force
+
+    @property
+    def _normal_force(self) -> tuple[float, float]:
+        """The preload, and what of it may be rounding."""
         rigid = self.stiffness == 0.0
         if rigid.any():
-            return float(-self.load[rigid][0] / self.normal[rigid][0])
+            return float(-self.load[rigid][0] / self.normal[rigid][0]), 0.0
         flexible = self.normal / self.stiffness
-        return float(-(flexible @ self.load) / (flexible @ self.normal))
+        terms = -flexible * self.load / (flexible @ self.normal)
+        return float(-(flexible @ self.load) / (flexible @ self.normal)), PRESSED * float(np.abs(terms).sum())
 
     @cached_property
     def time_unit(self) -> float:
@@ -267,17 +315,24 @@ class Structure(Structural, ReadOnlyArrays):
         """With `added` s more stiffness damping."""
         own = self.stiffness * (np.arange(len(self.stiffness)) < len(self.frequency))
         rayleigh = None if self.rayleigh is None else (self.d1, self.d2 + added)
-        return replace(self, damping=self.damping + added * own, rayleigh=rayleigh)
+        wider = self.wider and self.wider.stiffly_damped(added)
+        return replace(self, damping=self.damping + added * own, rayleigh=rayleigh, wider=wider)
 
     def truncated(self) -> Structure:
         """Without the static compliance of the modes that are not computed."""
         kept = slice(len(self.frequency))
         rows = {name: getattr(self, name)[kept] for name in ("stiffness", "damping", *ROWS)}
-        return replace(self, **rows, static=0)
+        return replace(self, **rows, static=0, wider=self.wider and self.wider.truncated())
 
     def mirrored(self) -> Structure:
         """The structure seen in a mirror across the drive."""
-        return replace(self, tangential=-self.tangential, inertia=-self.inertia, output=-self.output)
+        turned = {name: -getattr(self, name) for name in ("tangential", "inertia", "output")}
+        return replace(self, **turned, wider=self.wider and self.wider.mirrored())
+
+    @property
+    def motion(self) -> Structure:
+        """The structure with the modes that motion has."""
+        return self.wider or self
 
     def receptances(self, frequency: Any, mu: float = 0.0) -> Any:
         """Gaps for a unit normal force with T = mu N at frequencies, Hz: h_NN + mu h_NT and h_TN + mu h_TT."""
@@ -288,23 +343,46 @@ class Structure(Structural, ReadOnlyArrays):
     def damped(self, damping_ratio: Any, of: str = "tied") -> Structure:
         """Replace the damping by ratios of the modes with the contact tied in both directions, or free.
 
-        Measured ratios are those of the assembled, tied structure. Their damping matrix is used by its diagonal in
-        the free modes. `damping_ratio` is one number, or one for each mode, ascending in frequency.
+        Measured ratios are those of the assembled, tied structure. Damping by mode that gives them is found by
+        least squares, first of all for tied modes below 0.8 of the highest frequency computed; `tied_damping` has
+        what came of it. `damping_ratio` is one number, or one for each mode, ascending in frequency.
+
+        Warns
+        -----
+        DampingWarning
+            If a tied mode below 0.8 of the highest frequency misses its ratio by more than 10 %; a remark says so
+            of those above, too.
         """
         checks.choice("of", of, ("tied", "free"))
         m = len(self.frequency)
+        wider, further = self.wider, damping_ratio
+        if wider is not None:
+            # Further modes have the last ratio.
+            more = (0, len(wider.frequency) - m)
+            wider = wider.damped(np.pad(further, more, mode="edge") if np.ndim(further) == 1 else further, of)
         if of == "free":
             added = 2.0 * _ratios(damping_ratio, m) * np.sqrt(self.stiffness[:m])
-            return replace(self, damping=np.pad(added, (0, self.static)), rayleigh=None)
-        weights = np.stack([self.normal, self.tangential])
-        held = linalg.null_space(weights / np.abs(weights).max(axis=1, keepdims=True))
-        values, y = np.linalg.eigh(held.T @ (self.stiffness[:, None] * held))
-        shapes = held @ y
-        ratios = _ratios(damping_ratio, len(values))
-        matrix = (shapes * (2.0 * ratios * np.sqrt(np.maximum(values, 0.0)))) @ shapes.T
-        damping = np.diag(matrix).copy()
-        damping[m:] = 0.0
-        return replace(self, damping=damping, rayleigh=None)
+            return replace(self, damping=np.pad(added, (0, self.static)), rayleigh=None, wider=wider)
+        values, shapes = tied_modes(self.stiffness, np.stack([self.normal, self.tangential]), self.static)
+        ratios, frequency = _ratios(damping_ratio, len(values)), np.sqrt(values) / (2.0 * np.pi)
+        found = fitted(ratios, self.stiffness[:m], values, shapes)
+        structure = replace(self, damping=np.pad(found, (0, self.static)), rayleigh=None, wider=wider)
+        given = tied_ratios(found, values, shapes)
+        missed = np.abs(given - ratios) > 0.1 * ratios
+        if not missed.any():
+            return structure
+        each = [f"{a:.6g} Hz: {b:.3g} for {c:.3g}" for a, b, c in np.stack([frequency, given, ratios]).T[missed]]
+        text = f"damping: ratios of tied modes are missed at {', '.join(each)}; compute more modes (fmax)"
+        if np.any(missed & (frequency < SHARE * self.frequency[-1])):
+            warnings.warn(text, DampingWarning, stacklevel=2)
+        return replace(structure, remarks=(*structure.remarks, text))
+
+    @property
+    def tied_damping(self) -> tuple[Array, Array]:
+        """Frequencies, Hz, and damping ratios, to first order, of the modes with the contact tied, each (k,)."""
+        values, shapes = tied_modes(self.stiffness, np.stack([self.normal, self.tangential]), self.static)
+        ratios = tied_ratios(self.damping[: len(shapes)], values, shapes)
+        return np.sqrt(values) / (2.0 * np.pi), ratios
 
 
 def _row(name: str, value: Any, n: int | None) -> Array:
@@ -347,6 +425,7 @@ def _modal(
     damping_ratio: Any,
     compliance: Array | None = None,
     vectors: Array | None = None,
+    names: Any = None,
 ) -> Structure:
     """A checked structure of modes with contact and load `rows`; `compliance` (3, 3) of the others."""
     order = np.argsort(stiffness, kind="stable")
@@ -357,6 +436,10 @@ def _modal(
         checks.between(name, value, 0.0, 1e12, unit)
         for name, value, unit in (("d1", rayleigh[0], "1/s"), ("d2", rayleigh[1], "s"))
     )
+    if len(stiffness) == 1 and stiffness[0] == 0.0:
+        raise InputError(
+            "frequency: the only mode is rigid, so that nothing vibrates; give more, or a higher fmax"
+        )
     for name, row in (("normal", normal), ("tangential", tangential), ("load", load)):
         if not row.any():
             raise InputError(f"{name}: it must not be zero for every mode")
@@ -373,18 +456,70 @@ def _modal(
     if by_mode:
         m = len(stiffness) - static
         damping[:m] += 2.0 * _ratios(damping_ratio, m) * np.sqrt(stiffness[:m])
-    _held(stiffness, normal, load, vectors)
+    _held(stiffness, normal, vectors, names)
     own = None if by_mode else (d1, d2)
     structure = Structure(stiffness, damping, normal, tangential, inertia, output, load, own, static)
-    if not structure.preload > 0.0:
+    pressing, rounding = structure._normal_force
+    if abs(pressing) <= rounding:
+        return replace(structure, remarks=(f"load: {NO_PRELOAD}",))
+    if not pressing > 0.0:
         raise InputError(
-            f"load: with it the contact opens (normal force {structure.preload:.3g} for a unit load);"
+            f"load: with it the contact opens (normal force {pressing:.3g} for a unit load);"
             " change the sign of load or normal"
         )
+    if not 1e-12 <= pressing <= 1e12:
+        text = f"{pressing:.3g} for a unit load; it must be from 1e-12 to 1e12"
+        raise InputError(f"load: with it and normal the normal force at rest is {text}")
     return structure
 
 
-def _held(stiffness: Array, normal: Array, load: Array, vectors: Array | None) -> None:
+def _with_matrix(found: Structure, by_modes: Array) -> Structure:
+    """With a damping matrix in modal coordinates: its diagonal."""
+    diagonal = np.diag(by_modes)
+    if diagonal.min() < -1e-9 * np.abs(by_modes).max():
+        raise InputError(f"damping: it gives a mode {diagonal.min():g} 1/s; it must not be negative")
+    coupling = float(np.abs(by_modes - np.diag(diagonal)).max() / max(diagonal.max(), 1e-300))
+    text = f"damping: coupling of modes is left out, at most {coupling:.3g} of the largest term"
+    added = np.pad(np.maximum(diagonal, 0.0), (0, found.static))
+    return replace(found, damping=found.damping + added, rayleigh=None, remarks=(*found.remarks, text))
+
+
+def motion_cutoff(own: Structure, most: int = MOST_MODES, number: int = MOTION_MODES) -> float | None:
+    """Frequency above `number` modes that move the gaps, and at most `most` in all, Hz, to three digits.
+
+    None: there are fewer. The same whatever modes follow.
+    """
+    m = len(own.frequency)
+    gaps = np.stack([own.normal[:m], own.tangential[:m]]) ** 2
+    mean = np.cumsum(gaps, axis=1) / np.arange(1, m + 1)
+    moving = np.flatnonzero(np.any((gaps > PART * mean) & (gaps > 0.0), axis=0))
+    last = min([most - 1, *moving[number - 1 : number].tolist()])
+    return float(f"{own.frequency[last : last + 2].mean():.3g}") if m > last + 1 else None
+
+
+def _for_motion(own: Structure, band: float | None, n: int, up_to: Callable[[float], Structure]) -> Structure:
+    """With the cut-off of motion, and the modes below it where `own`, up to `band`, does not have them.
+
+    The upper half of the `n` modes of a mesh is not that of the structure; a small model is what it is.
+    """
+    if band is None and n <= MOTION_MODES:
+        return own
+    found, top, most = own, band or 0.0, min(max(n // 2, 2), MOST_MODES)
+    factor, before = 2.0, 0
+    while (cutoff := motion_cutoff(found, most)) is None and found.static:
+        m = len(found.frequency)
+        if before:
+            # As the number of modes grows with frequency: of beams as its root, of a plate as it or its square.
+            power = np.clip(np.log(m / before) / np.log(factor), 0.4, 3.0)
+            factor = float(np.clip((1.1 * MOTION_MODES / m) ** (1.0 / power), 1.25, 8.0))
+        top, before = top * factor, m
+        found = up_to(top)
+    if cutoff is None or found is own:
+        return replace(own, cutoff=cutoff)
+    return replace(own, wider=up_to(cutoff))
+
+
+def _held(stiffness: Array, normal: Array, vectors: Array | None, names: Any) -> None:
     """Raise unless the closed contact prevents every rigid motion; at most one of them may move the normal gap."""
     rigid = np.flatnonzero(stiffness == 0.0)
     if not len(rigid):
@@ -395,7 +530,7 @@ def _held(stiffness: Array, normal: Array, load: Array, vectors: Array | None) -
         text = f"{free.shape[1]} rigid motion(s) that the closed contact does not hold"
         if vectors is not None:
             moved = np.abs(vectors[:, rigid] @ free[:, 0])
-            text += f"; one moves degree of freedom {int(moved.argmax())} most"
+            text += f"; one moves {names[moved.argmax()]} most"
         raise InputError(f"stiffness: {text}: support the structure")
 
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,13 @@ from scipy import io, sparse
 
 from fivcore import checks
 from fivcore.errors import InputError
+from fivcore.jit import Array
 
 ROWS = ("normal", "tangential", "load", "output", "drive")
 COLUMNS = ("frequency", *ROWS, "damping_ratio")
 MATRICES = ("mass", "stiffness", "damping")
 NUMBERS = ("d1", "d2", "damping_ratio", "fmax")
+DENSE = "a whole matrix must be in .npz, .mat or Matrix Market's array form"
 DIRECTIONS = dict(zip("123456", ("x", "y", "z", "rx", "ry", "rz"), strict=True))
 
 
@@ -31,8 +34,9 @@ def read_matrix(path: str | Path, key: str | None = None) -> tuple[sparse.csr_ar
     """Read a real square matrix and, if the format has them, node and degree of freedom of each row, else None.
 
     Formats: `.mat` (MATLAB up to v7) and `.npz`, with the `key` of one matrix of several; Matrix Market,
-    Harwell-Boeing (RUA, RSA), and Abaqus' COORDINATE and MATRIX INPUT, which alone has labels. One triangle of a
-    symmetric matrix is enough, except in `.mat`, `.npz` and RUA. An `InputError` says what is wrong with a file.
+    Harwell-Boeing (RUA, RSA), lines of i, j, value (from 1) as of Abaqus' COORDINATE and CalculiX, and Abaqus'
+    MATRIX INPUT, which alone has labels. One triangle of a symmetric matrix is enough, except in `.mat`, `.npz`
+    and RUA. An `InputError` says what is wrong with a file.
     """
     with _reading(path):
         file, labels = Path(path), None
@@ -57,8 +61,9 @@ def read_modes(path: str | Path, rows: Mapping[str, Any] | None = None) -> dict[
     """Read mass-normalised modes: by name, an array with a value for each mode.
 
     A CSV file has a line for each mode, and columns frequency [Hz], normal, tangential, and optionally load,
-    output, drive, damping_ratio. For a universal file (`.uff`, `.unv`; data set 55) `rows` says what these are, as
-    in {"normal": "node 12, x"}; its shapes are divided by the root of the modal mass where the file has one.
+    output, drive, damping_ratio. For a universal file (`.uff`, `.unv`; data sets 55 and 2414) `rows` says what
+    these are, as in {"normal": "node 12, x"}; its shapes are divided by the root of the modal mass where the file
+    has one, and are brought from the units of its data set 164 to SI.
     """
     with _reading(path):
         if Path(path).suffix.lower() in (".uff", ".unv"):
@@ -138,9 +143,16 @@ def _numbers(values: Mapping[str, Any], known: Collection[str], required: Collec
 
 def _text_matrix(path: Path) -> tuple[Any, Any]:
     """The matrix in a text file, and the labels of its rows."""
-    lines = path.read_text("utf-8", errors="replace").splitlines()
-    if lines and lines[0].startswith("%%MatrixMarket"):
-        return io.mmread(path), None
+    lines = path.read_text("utf-8", errors="replace").lstrip("\ufeff\r\n\t ").splitlines()
+    if lines and (banner := re.match(r"%+\s*matrixmarket\s(.*)", lines[0], re.IGNORECASE)):
+        words, body = banner[1].lower().split(), [line for line in lines[1:] if line.strip() and "%" not in line]
+        body = _decimal(body)
+        width = 1 + 2 * ("coordinate" in words) - ("pattern" in words) + ("complex" in words)
+        # SciPy's reader stops at a wrong character in silence, or with the whole process.
+        if len(body) > 1 and (found := np.loadtxt(body[1:], ndmin=2).shape[1]) != width:
+            raise InputError(f"its lines have {found} numbers; by its banner they must have {width}")
+        content = "\n".join([f"%%MatrixMarket {' '.join(words)}", *body])
+        return io.mmread(BytesIO(content.encode())), None
     labels, kind = None, lines[2][:3].upper() if len(lines) > 4 else ""
     if re.fullmatch("[RCP][SUHZR][AE]", kind):
         # Harwell-Boeing format: Duff, Grimes and Lewis, ACM Trans. Math. Software 15 (1989) 1-14.
@@ -158,11 +170,18 @@ def _text_matrix(path: Path) -> tuple[Any, Any]:
         pointers, row, values = np.split(numbers, [n + 1, n + 1 + entries])
         row, column = row.astype(int) - 1, np.repeat(np.arange(n), np.diff(pointers.astype(int)))
     else:
-        data = [line.replace(",", " ") for line in lines if line.strip() and line.lstrip()[0] not in "*%#"]
+        data = _decimal(line.replace(",", " ") for line in lines if line.strip() and line.lstrip()[0] not in "*%#")
         table = np.loadtxt(data, ndmin=2) if data else np.zeros((1, 1))
-        if table.shape[1] not in (3, 5) or (table[:, :-1] % 1).any():
-            raise InputError("its lines are neither i, j, value nor node, dof, node, dof, value")
+        if table.shape[1] == 3 and _has_size_line(table, data):
+            table = table[1:]
+        whole = table.shape[1] in (3, 5) and not (table[:, :-1] % 1).any()
+        if not whole or (table.shape == (3, 3) and np.array_equal(table, table.T)):
+            raise InputError(f"its lines are neither i, j, value nor node, dof, node, dof, value; {DENSE}")
         places, values = table[:, :-1].astype(int), table[:, -1]
+        # Nodes may be negative, where Abaqus makes them itself.
+        if (least := places[:, -1::-2].min()) < 1:
+            zero = "count rows and columns from 1, not from 0" if least == 0 else DENSE
+            raise InputError(f"it has a row or direction {least}; {zero}")
         if table.shape[1] == 5:
             # Sorting single integers is faster than sorting pairs.
             codes, places = np.unique(places.reshape(-1, 2) @ [2**31, 1], return_inverse=True)
@@ -176,6 +195,27 @@ def _text_matrix(path: Path) -> tuple[Any, Any]:
     return matrix, labels
 
 
+def _decimal(lines: Iterable[str]) -> list[str]:
+    """Lines of numbers with Fortran's exponents, 2.0D6, as others write them."""
+    return [re.sub(r"(?<=[\d.])[dD](?=[-+]?\d)", "e", line) if "d" in line.lower() else line for line in lines]
+
+
+def _has_size_line(table: Array, lines: list[str]) -> bool:
+    """Whether the first line is that of a Matrix Market file: rows, columns, number of entries.
+
+    Entries begin with their smallest row or column, so such a line is one, unless its numbers do not agree with
+    those below: then this is an error.
+    """
+    size, entries = table[0], table[1:]
+    if not len(entries) or not lines[0].split()[2].isdigit() or (entries[:, :2] > size[:2]).any():
+        return False
+    again = (entries[:, :2] == size[:2]).all(axis=1).any()
+    if again and size[2] == len(entries):
+        return True
+    text = f"its first line, {' '.join(lines[0].split())}, may be the size of a matrix with {size[2]:g} entries"
+    raise InputError(f"{text}, but {len(entries)} follow, or an entry; begin with a banner of Matrix Market")
+
+
 def _universal(path: Path, rows: Mapping[str, Any]) -> dict[str, Any]:
     try:
         import pyuff
@@ -183,24 +223,53 @@ def _universal(path: Path, rows: Mapping[str, Any]) -> dict[str, Any]:
         raise InputError('a universal file needs pyuff: pip install "fiv[uff]"') from None
     path.open("rb").close()
     file = pyuff.UFF(str(path))
-    sets = [file.read_sets(int(place)) for place in np.flatnonzero(file.get_set_types() == 55)]
-    modes = [each for each in sets if each["analysis_type"] == each["data_type"] == 2]
-    if len({tuple(mode["node_nums"]) for mode in modes}) != 1:
-        raise InputError("it must have real normal modes (data set 55, analysis type 2), all at the same nodes")
-    shapes = np.array([[mode[f"r{i}"] for i in range(1, 7) if f"r{i}" in mode] for mode in modes])
-    shapes /= np.sqrt([mode["modal_m"] or 1.0 for mode in modes])[:, None, None]
-    labels = [(node, dof) for dof in range(1, shapes.shape[1] + 1) for node in modes[0]["node_nums"]]
-    found = {"frequency": np.array([mode["freq"] for mode in modes])}
-    if any(ratios := [mode["modal_damp_vis"] for mode in modes]):
-        found["damping_ratio"] = np.array(ratios)
+    kinds = file.get_set_types()
+    sets = [file.read_sets(int(place)) for place in np.flatnonzero(np.isin(kinds, (55, 2414)))]
+    modes = [mode for each in sets if (mode := _universal_mode(each)) is not None]
+    if len({(tuple(mode[0]), mode[1].shape) for mode in modes}) != 1:
+        text = "it must have real normal modes (data set 55 or 2414, analysis type 2), all at the same nodes"
+        raise InputError(text)
+    nodes, shapes, frequency, mass, ratios = (np.array(each) for each in zip(*modes, strict=True))
+    shapes = shapes / np.sqrt(np.where(mass, mass, 1.0))[:, None, None]
+    systems = [file.read_sets(int(place)) for place in np.flatnonzero(kinds == 164)]
+    units = {(each["length"], each["force"]) for each in systems} or {(1.0, 1.0)}
+    if len(units) > 1:
+        raise InputError(f"its units (data set 164) differ: {units}")
+    # How many units of length and of force are a metre and a newton.
+    length, force = units.pop()
+    shapes *= np.sqrt(force / length) * np.array([1.0] * 3 + [length] * 3)[: shapes.shape[2]]
+    labels = [(node, dof) for node in nodes[0] for dof in range(1, shapes.shape[2] + 1)]
+    found = {"frequency": frequency} | ({"damping_ratio": ratios} if ratios.any() else {})
     for name, row in _weights(rows, labels, len(labels), path.parent).items():
         found[name] = shapes.reshape(len(modes), -1)[:, list(row)] @ list(row.values())
     return found
 
 
+def _universal_mode(content: Mapping[str, Any]) -> tuple[Any, Array, float, float, float] | None:
+    """Nodes, shape (nodes, directions), frequency, modal mass and damping ratio of a data set with a real mode."""
+    nodal = content.get("dataset_location", 1) == 1 and content.get("result_type", 8) == 8
+    if not nodal or content["analysis_type"] != 2:
+        return None
+    if content["type"] == 55:
+        shape = np.stack([content[f"r{i}"] for i in range(1, 7) if f"r{i}" in content], axis=1)
+        names = ("freq", "modal_m", "modal_damp_vis")
+    else:
+        shape = np.array(content["data_at_node"])
+        names = ("record12_field2", "record12_field4", "record12_field5")
+        if content["data_type"] > 4:
+            shape = shape[:, 0::2] + 1j * shape[:, 1::2]
+    frequency, mass, ratio = (float(content.get(name, 0.0)) for name in names)
+    return None if shape.imag.any() else (content["node_nums"], shape.real, frequency, mass, ratio)
+
+
+def _names(labels: Any) -> list[str]:
+    """Names of rows by node and degree of freedom."""
+    return [f"node {node}, {DIRECTIONS.get(str(dof), dof)}" for node, dof in labels]
+
+
 def _weights(rows: Mapping[str, Any], labels: Any, size: int, folder: Path) -> dict[str, dict[int, float]]:
     """Weights by index, of each an index, a name, a table of weights of these, or a file of a vector."""
-    names = {f"node {node}, {DIRECTIONS.get(str(dof), dof)}": i for i, (node, dof) in enumerate(labels)}
+    names = {name: i for i, name in enumerate(_names(labels))}
     found: dict[str, dict[int, float]] = {name: {} for name in rows}
     for name, value in rows.items():
         with _reading(f"{name} = {checks.short(value)}"):
@@ -240,6 +309,8 @@ def _matrices(content: Mapping[str, Any], rows: Mapping[str, Any], folder: Path)
             found[name] = (spread @ matrix @ spread.T).tocsr()
     elif "nodes" in content:
         text = _file(folder, content["nodes"]).read_text("utf-8").lower().replace("rot", "r")
+        # CalculiX writes node.direction, alone in its line.
+        text = re.sub(r"^[ \t]*(\d+)\.(\d)[ \t]*$", r"\1 \2", text, flags=re.MULTILINE)
         labels = re.findall(r"(-?\d+)[ \t,]+u?(r?[xyz]|\d+)[ \t]*$", text, re.MULTILINE)
     elif "dofs_per_node" in content:
         dofs = range(1, checks.count("dofs_per_node", content["dofs_per_node"], 6) + 1)
@@ -247,4 +318,5 @@ def _matrices(content: Mapping[str, Any], rows: Mapping[str, Any], folder: Path)
     sizes = {name: matrix.shape[0] for name, matrix in found.items()} | {"nodes": len(labels) or size}
     if len(set(sizes.values())) > 1:
         raise InputError(f"numbers of rows differ: {sizes}; nodes or dofs_per_node must name each row")
-    return found | _weights(rows, labels, size, folder)
+    names = {"names": _names(labels)} if len(labels) else {}
+    return found | names | _weights(rows, labels, size, folder)

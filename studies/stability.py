@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import Friction, Rig, Scene, Structure, flutter_onsets, sliding_modes, unstable_windows
+from fivcore import FlutterOnsets, Friction, Rig, Scene, Structure, flutter_onsets, sliding_modes, unstable_windows
 from studies import summary
 from studies.labels import number
 from studies.motion.run import BAND
@@ -88,7 +88,11 @@ def first_growth(rig: Any, theta: float, fmax: float, largest: float, **law: Any
 
     That is at a flutter onset, or at the top of the band, which an unstable pair enters. `law`: as `sliding_of`.
     """
-    found = flutter_onsets(rig, theta, fmax, largest, **law)
+    return first_of(flutter_onsets(rig, theta, fmax, largest, **law), fmax)
+
+
+def first_of(found: FlutterOnsets, fmax: float) -> tuple[float, float]:
+    """The first of onsets and of pairs that enter the band; see `first_growth`."""
     onsets = zip(found.mu.tolist(), found.frequency.tolist(), strict=True)
     return min((*onsets, *((mu, fmax) for mu in found.entry_mu.tolist())), default=(np.nan, np.nan))
 

@@ -11,10 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Structure, checks
+from fivcore import Rig, Structure, checks, flutter_onsets
+from fivcore.errors import SceneError
+from studies import paper
 from studies.motion import scenes, series
+from studies.motion.above import with_growth_above
 from studies.parameters import FRICTION, RIG, SCENE, Parameter, suggest
-from studies.results import is_usual, settled
+from studies.results import is_usual, settled, structure_in
 from sweeps import DONE, PENDING, Axis, Grid, InputError, Sample, Sweep, Variable, check_size
 
 if TYPE_CHECKING:
@@ -28,6 +31,8 @@ __all__ = ["Parameter", "Study"]
 SAMPLES, SEED = 1024, 0
 # Values of an axis, and draws, that are checked before a run; others fail by themselves.
 CHECKED, DRAWS_CHECKED = 10_000, 16
+# Largest friction at which the first onset of a structure is sought.
+MOST_FRICTION = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +64,8 @@ class Study:
     claims : sequence of Claim
         What the paper prints, to stand beside the result.
     coords : mapping of str to Axis, or callable
-        Axes of the outputs' own dimensions; a callable takes parameters by name.
+        Axes of the outputs' own dimensions; a callable takes parameters by name, or `rig`; of
+        several rigs the longest axes count.
     check : callable, optional
         Takes parameters by name, one value or an array, or `rig`, the first; raises `ValueError` for what cannot
         be computed.
@@ -205,8 +211,8 @@ class Study:
                 raise InputError(f"{name}: it is a column of the points already; give one of the two")
         parameters, fixed = self.parameters, dict[str, Any]()
         if structure is not None:
-            parameters = self._without_beams({**requested, **columns})
             own = Structure.from_dict(structure)
+            parameters = self._without_beams({**requested, **columns}, own)
             fixed["structure"] = {"name": repr(own), **own.to_dict()}
         # In the study's order, so that the order of a request changes nothing.
         default = {name: parameter.default for name, parameter in parameters.items()}
@@ -227,7 +233,7 @@ class Study:
             axes = {first: self._axis(first, fixed.pop(first))}
         grid = self._grid(axes, draws, columns, samples, seed)
         check_size(grid)
-        outputs, coords = dict(self.outputs), dict(inner) | self._coords(fixed)
+        outputs, coords = dict(self.outputs), dict(inner) | self._coords(fixed, grid.axes)
         for name, variable in outputs.items() if followed else ():
             dims = tuple(followed if dim == "followed" else dim for dim in variable.dims)
             outputs[name] = replace(variable, dims=dims)
@@ -262,7 +268,7 @@ class Study:
             scale=partial(scenes.factors, fixed=numbers) if copies else None,
             coords={name: axis for name, axis in coords.items() if name not in grid.axes},
             title=self.title,
-            derive=partial(finish, self.derive, self.dims, about),
+            derive=partial(finish, self.derive, self.dims, about, "scenes" in self.takes),
             # The modes of P1, of a rig and of an inclination are computed once for neighbours.
             order_by=() if draws or columns else tuple(name for name in axes if name not in unordered),
             request={"fixed": about},
@@ -292,8 +298,11 @@ class Study:
             raise InputError(f"{name} = {value.text}: it has no distribution; give it values")
         return value
 
-    def _without_beams(self, requested: Mapping[str, Any]) -> dict[str, Parameter]:
-        """The parameters with a structure of one's own: theta is 0, and a rig has no numbers."""
+    def _without_beams(self, requested: Mapping[str, Any], own: Structure) -> dict[str, Parameter]:
+        """The parameters with a structure of one's own: theta is 0, and a rig has no numbers.
+
+        A default range of mu lies around its first onset as the study's does around that of the paper's rig.
+        """
         if self.beams or not self.takes & {"rig", "scenes"}:
             taking = "fig5, stability, regimes, scenes, stick_time, contact and most maps"
             raise InputError(
@@ -308,6 +317,9 @@ class Study:
         left = {name: parameter for name, parameter in self.parameters.items() if name not in RIG}
         if theta := left.get("theta"):
             left["theta"] = replace(theta, default=np.zeros(1) if theta.is_axis else 0.0)
+        mu = left.get("mu")
+        if mu and np.ndim(mu.default) and "mu" not in requested:
+            left["mu"] = replace(mu, default=mu.default * _onset_ratio(own))
         if cutoff := left.get("cutoff"):
             left["cutoff"] = replace(cutoff, default=None)  # another default is for the paper's beams
         return left
@@ -342,19 +354,35 @@ class Study:
             return Grid({**table, **axes}, zipped=tuple(table), sampling={"method": "a table"})
         return Grid(axes)
 
-    def _coords(self, fixed: Mapping[str, Any]) -> dict[str, Axis]:
+    def _coords(self, fixed: dict[str, Any], axes: Mapping[str, Axis]) -> dict[str, Axis]:
         if not callable(self.coords):
             return dict(self.coords)
-        names = inspect.signature(self.coords).parameters
+        names = [name for name in inspect.signature(self.coords).parameters if name != "rig"]
         for name in names:
             if name not in fixed:
                 raise InputError(
                     f"{name}: it decides the size of the results of study {self.name}; give one value"
                 )
-        try:
-            return dict(self.coords(**{name: fixed[name] for name in names}))
-        except ValueError as problem:
-            raise InputError(str(problem)) from None
+        given, found, problems = {name: fixed[name] for name in names}, dict[str, Axis](), [""]
+        for numbers in self._extremes(axes):
+            try:
+                rig = {"rig": scenes.rig_of(fixed | numbers)} if numbers is not None else {}
+                each = self.coords(**given, **rig)
+            except ValueError as problem:
+                problems.append(str(problem))
+                continue
+            found = {name: max(found.get(name, axis), axis, key=len) for name, axis in each.items()}
+        if not found:
+            raise InputError(problems[-1])
+        return found
+
+    def _extremes(self, axes: Mapping[str, Axis]) -> list[dict[str, Any] | None]:
+        """Numbers of the rigs by which a size is decided: the ends of each that varies; None if by no rig."""
+        assert callable(self.coords)
+        if "rig" not in inspect.signature(self.coords).parameters:
+            return [None]
+        varied = [(name, axes[name].values) for name in RIG if name in axes]
+        return [{}, *({name: end(values).item()} for name, values in varied for end in (np.min, np.max))]
 
     def _recorded(
         self, names: tuple[str, ...], sample_rate: float | None, fixed: dict[str, Any]
@@ -412,6 +440,17 @@ class Study:
                 self.check(**_chosen(inspect.signature(self.check).parameters, values))
             except ValueError as problem:
                 raise InputError(str(problem)) from problem
+
+
+def _onset_ratio(own: Structure) -> float:
+    """The first onset of a structure, of flutter or divergence, over that of the paper's rig; 1 without one."""
+    papers = flutter_onsets(Rig(), paper.THETA).mu[0]
+    try:
+        found = flutter_onsets(own, 0.0, mu_max=MOST_FRICTION)
+    except ArithmeticError:
+        return 1.0
+    first = min([*found.mu, *found.entry_mu, np.nan_to_num(found.divergence_mu, nan=np.inf)])
+    return float(f"{first / papers:.3g}") if np.isfinite(first) else 1.0
 
 
 def _chosen(signature: Mapping[str, inspect.Parameter], values: Mapping[str, Any]) -> dict[str, Any]:
@@ -494,16 +533,19 @@ def compute(call: Call, points: Mapping[str, Any], **fixed: Any) -> dict[str, An
         try:
             given = call.arguments(numbers, size)
             found = dict(call.function(**given))
+            if call.normalised and "error" in found:
+                found["error"] = [_without_scene(each) for each in found["error"]]
             # Without an argument that varies all points have one result, as those of a table that repeat.
             repeats = given.keys().isdisjoint({"scenes", *(points.keys() - {*call.common})})
-            results.append({k: _padded(v, size, call.shapes.get(k), repeats) for k, v in found.items()})
+            results.append({k: _padded(k, v, size, call.shapes.get(k), repeats) for k, v in found.items()})
         except BatchError as problem:
             # Every point fails: the engine would hide the mistake, since batches of a single point succeed.
             results.append({"error": [problem] * size} if len(groups) == 1 else problem)
-        except (ValueError, ArithmeticError) as problem:
+        except (ValueError, ArithmeticError, SceneError) as problem:
+            own = _without_scene(problem) if call.normalised else problem
             if len(groups) == 1:
-                raise
-            results.append(problem)
+                raise own from None
+            results.append(own)
     if len(groups) == 1:
         assert isinstance(results[0], Mapping)
         return dict(results[0])
@@ -525,6 +567,12 @@ def compute(call: Call, points: Mapping[str, Any], **fixed: Any) -> dict[str, An
     return joined | {"error": joined["error"].tolist()}
 
 
+def _without_scene(problem: Any) -> Any:
+    """The error of a scaled scene without that scene: the point that fails has the numbers that were asked."""
+    text = str(problem).rpartition("; scene V = ")[0]
+    return type(problem)(text, problem.scene) if isinstance(problem, SceneError) and text else problem
+
+
 def _groups(common: Mapping[str, NDArray[Any]], count: int) -> list[tuple[dict[str, Any], Any]]:
     """The common parameters of each group of points, in order of appearance, and its points."""
     if not common:
@@ -539,7 +587,7 @@ class BatchError(ValueError):
     """A study's function returned one value for several points."""
 
 
-def _padded(value: Any, count: int, shape: tuple[int, ...] | None, repeats: bool) -> Any:
+def _padded(name: str, value: Any, count: int, shape: tuple[int, ...] | None, repeats: bool) -> Any:
     """An output of the declared shape, filled with NaN where the function returned fewer entries."""
     if shape is None:
         return value
@@ -553,6 +601,8 @@ def _padded(value: Any, count: int, shape: tuple[int, ...] | None, repeats: bool
     missing = [(0, 0), *((0, full - size) for full, size in zip(shape, values.shape[1:], strict=True))]
     if not any(more for _, more in missing):
         return values
+    if min(more for _, more in missing) < 0:
+        raise InputError(f"{name}: {values.shape[1:]} values at a point, for which the file has room for {shape}")
     return np.pad(values.astype(float), missing, constant_values=np.nan)
 
 
@@ -560,8 +610,13 @@ def finish(
     derive: Callable[[xr.Dataset], xr.Dataset] | None,
     dims: tuple[str, ...],
     about: Mapping[str, tuple[Any, str, str]],
+    moves: bool,
     dataset: xr.Dataset,
 ) -> xr.Dataset:
-    """Add the fixed parameters as scalar coordinates, and what the study derives from its usual dimensions."""
+    """Add the fixed parameters as scalar coordinates, and what the study derives from its usual dimensions.
+
+    A study in which scenes move gets what grows above the band, too.
+    """
     dataset = settled(dataset, about)
+    dataset = with_growth_above(dataset, structure_in(dataset) or None) if moves else dataset
     return derive(dataset) if derive is not None and is_usual(dataset, dims) else dataset

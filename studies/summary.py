@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from studies import claims, labels
+from studies.motion import above
 from studies.parameters import RIG, SCENE
 from studies.results import settings, structure_in
 from sweeps import DONE, FAILED, PENDING
@@ -58,6 +59,7 @@ def parts(study: Study, dataset: xr.Dataset) -> Iterator[Any]:
     beside = claims.beside(dataset if shown is None else shown, study.claims)
     if len(beside):
         yield "Beside the paper", beside
+    yield from above.told(dataset)
     yield from failures(dataset)
 
 

@@ -10,7 +10,8 @@ the slip rate g_T' + u_T'. Every contact status is linear:
 At touch-down u is continuous and N jumps by C_NN times the closing speed. If C_TT > mu |C_TN| (K in place of C
 without damping), T - mu N and T + mu N increase with u_T', and exactly one of stick, slip forwards and slip
 backwards is possible. The Painleve limit is the least mu at which this condition fails, or at which the divisor
-that gives N in a step of `fast` is zero; above it the force is not unique. In rigid contact the restitution is 0.
+that gives N in a step of `fast` is zero; above it the force is not unique. In rigid contact an impact leaves no
+closing speed, and its tangential impulse is within the cone.
 """
 
 from __future__ import annotations
@@ -22,7 +23,11 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
+from fivcore.errors import SceneValueError
 from fivcore.jit import Array
+
+# Least square of the sine between the directions of rigid contact, in which rounding is 1e-15.
+LEAST_SINE = 1e-12
 
 
 class StatusMaps(NamedTuple):
@@ -65,7 +70,7 @@ def status_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> StatusM
     both = np.array([[mu], [-mu]])
     if not K.any():
         stick, slip = np.zeros((2, 4)), np.zeros((2, 2, 3))
-        stick[:, 2:], slip[:, 0, 2:] = -np.linalg.inv(M), -1.0 / (M[0, 0] + both * M[0, 1])
+        stick[:, 2:], slip[:, 0, 2:] = -resistance(M), -1.0 / (M[0, 0] + both * M[0, 1])
         return StatusMaps(stick, slip, np.zeros((2, 2)), stick, 0.0, 1.0, stick, 0.0)
     offset, square_ratio, separation = step, 1.0, np.zeros((2, 2))
     if C.any():
@@ -136,6 +141,16 @@ def steepest_fall(slide: Slide, mu: float) -> float:
     # In either direction of slip.
     factors = [slide.beta / (slide.beta - way * mu * slide.gamma) for way in (1.0, -1.0)]
     return 1.0 / (slide.mobility * max(factors))
+
+
+def resistance(W: Array) -> Array:
+    """Inverse of the Delassus matrix (2, 2) of a rigid contact."""
+    if np.linalg.det(W) <= LEAST_SINE * W[0, 0] * W[1, 1]:
+        raise SceneValueError(
+            "normal, tangential: they are parallel over the modes that are kept, so the force of a rigid contact"
+            " is not unique; give more modes, or the compliance of the others (`Structure.from_matrices`)"
+        )
+    return np.asarray(np.linalg.inv(W))
 
 
 @lru_cache(maxsize=256)

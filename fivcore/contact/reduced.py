@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from fivcore.beams.modes import one_blas_thread, residual_flexibility
 from fivcore.contact.impulse import Impulse, at_impulses
-from fivcore.contact.law import painleve_mu, ratio, slide, steepest_fall
+from fivcore.contact.law import painleve_mu, ratio, resistance, slide, steepest_fall
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig, Structural
@@ -33,9 +33,12 @@ from fivcore.structure import structure_of
 MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "point_b", "load")
 # Default step of `fast` in units of the contact's own time 1 / omega (with 1.75 the paper's rig balances its
 # energy to 0.3 %, with 1.92 to 1 %); without a dashpot, which damps the step's energy error; of a rigid contact,
-# in units of the fastest mode's time: of the beams, and of few modes, which all matter; and the largest step,
-# below the 2.389 at which the paper's rig loses its stability in stick (`step_map`), for any mu.
-STEP, ELASTIC_STEP, RIGID_STEP, FEW_STEP, LIMIT = 1.75, 0.3, 0.5, 0.1, 2.35
+# in units of the fastest mode's time; and the largest step, below the 2.389 at which the paper's rig loses its
+# stability in stick (`step_map`), for any mu.
+STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 1.75, 0.3, 0.5, 2.35
+# Of a structure in rigid contact, likewise, for each elastic mode and at most: blocks on belts have periods and
+# sticks within 1e-3 (with twice as much 2.5e-3), and up to 20 modes no run takes longer than one with 20.
+FEW_STEP, MANY_STEP = 0.005, 0.1
 # Statistics are sampled so often, s; where a default step is not longer, a whole number of them fills the time.
 INTERVAL = 20e-6
 # Hz. With SHARE of the frequency that follows from it the largest error of a share of time is below 0.008 on half
@@ -182,12 +185,12 @@ def _painleve_mu(model: ReducedModel, step: float) -> float:
 @lru_cache(maxsize=64)
 def full_model(rig: Structural, theta: float) -> ReducedModel:
     """Return the structure itself, every mode in rigid contact; loads are in units of the preload."""
-    own = structure_of(rig, theta)
+    own = structure_of(rig, theta).motion
     kept, none = np.ones(len(own.stiffness), dtype=bool), np.zeros((2, 2))
-    load = own.load / own.preload
+    load, few = own.load / own.preload, FEW_STEP * max(int(np.sum(own.stiffness > 0.0)), 1)
     return ReducedModel(
         own.stiffness, own.damping, own.normal, own.tangential, own.inertia, own.output, load, kept, none, none,
-        INTERVAL * own.time_unit, rigid_step=RIGID_STEP if isinstance(rig, Rig) else FEW_STEP,
+        INTERVAL * own.time_unit, rigid_step=RIGID_STEP if isinstance(rig, Rig) else min(few, MANY_STEP),
     )  # fmt: skip
 
 
@@ -197,10 +200,12 @@ def default_cutoff(rig: Structural) -> float:
     That is the first above `LEAST_CUTOFF`, but not below the third, 5 c / (4 L), which keeps an impact's reflected
     axial wave. Of large beams less is enough: the frequency at which the bending waves of one of them are four
     thicknesses long, where Euler-Bernoulli theory has ended, replaces `LEAST_CUTOFF` if it is lower. For the
-    paper's rig: 94 kHz. Of a structure all modes are kept that were computed.
+    paper's rig: 94 kHz. A structure from matrices keeps the modes that motion needs (`fivcore.structure`), one
+    from modes all.
     """
     if not isinstance(rig, Rig):
-        return 1e3 * float(structure_of(rig, 0.0).frequency[-1])
+        own = structure_of(rig, 0.0)
+        return own.cutoff or 1e3 * float(own.motion.frequency[-1])
     speeds = [(beam, float(np.sqrt(beam.young_modulus / beam.density))) for beam in (rig.p1, rig.p2)]
     slender = min(np.pi / (8.0 * np.sqrt(12.0)) * c / beam.thickness for beam, c in speeds)
     below = 0.97 * speeds[0][1] / (4.0 * rig.p1.length)
@@ -217,18 +222,21 @@ def reduced_model(rig: Structural, theta: float, cutoff: float | None = None) ->
     SceneValueError
         For a cut-off that keeps fewer than three modes.
     """
-    full, all_kept = full_model(rig, theta), cutoff is None and not isinstance(rig, Rig)
+    full, own = full_model(rig, theta), structure_of(rig, theta).motion
     cutoff = default_cutoff(rig) if cutoff is None else cutoff
-    kept = full.stiffness < (2.0 * np.pi * cutoff) ** 2
-    if kept.sum() < 3 and not all_kept:
-        lowest = float(np.sqrt(np.sort(full.stiffness)[2])) / (2.0 * np.pi)
-        raise SceneValueError(
-            f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that three modes of this rig are kept"
-        )
+    kept, modes = full.stiffness < (2.0 * np.pi * cutoff) ** 2, len(full.stiffness) - own.static
+    # Static modes stand for a residual.
+    kept[modes:] = False
+    if kept.sum() < (least := min(modes, 3)):
+        lowest = float(np.sqrt(np.sort(full.stiffness)[least - 1])) / (2.0 * np.pi)
+        number = ("one mode", "two modes", "three modes")[least - 1]
+        raise SceneValueError(f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that {number} are kept")
     flexibility = residual_flexibility(full.stiffness[~kept], *full.shapes[:, ~kept])
     # One or two modes have no residual of rank two; with them the finite elements are complete. Its condition
     # number is usually about 3; of a flexibility at 1e8 the inverse has half its digits.
-    if ((~kept).sum() <= 2 and not all_kept) or kept.all() or np.linalg.cond(flexibility) > 1e8:
+    complete = (~kept).sum() <= 2 and not own.static
+    if complete or kept.all() or np.linalg.cond(flexibility) > 1e8:
+        resistance(full.W)
         return full
     modal, K = {name: getattr(full, name)[kept] for name in MODAL}, np.asarray(np.linalg.inv(flexibility))
     gap = 0.0 if full.stiffness.min() == 0.0 else float(np.sum((full.normal * full.load / full.stiffness)[~kept]))
@@ -240,7 +248,6 @@ def reduced_model(rig: Structural, theta: float, cutoff: float | None = None) ->
 Modify = Callable[[ReducedModel], ReducedModel]
 
 
-@lru_cache(maxsize=64)
 def modified(model: ReducedModel, modify: Modify | None) -> ReducedModel:
-    """The model after `modify`, from a cache, so that scenes share it; None: the model itself."""
+    """The model after `modify`, made anew each time, for it may depend on more than the model; None: the model."""
     return model if modify is None else modify(model)

@@ -28,6 +28,8 @@ from fivcore.structure import Structure
 
 # Steps of the samples, as shares of the distance from the nearest pole; the least step and the first place.
 STEPS, LEAST, FIRST = (0.1, 0.04, 0.015, 0.005), 1e-9, 1e-7
+# Samples of the real axis, 20 a decade.
+REAL = 147
 # The last place: on the real axis, at both ends of the path, W is 0.
 LAST = ARC - FIRST
 
@@ -159,6 +161,29 @@ def damped_crossings(own: Structure, fmax: float, mu_max: float) -> Array:
         f"flutter onsets: those up to mu_max = {mu_max:g} do not explain which motions grow below fmax = {fmax:g}"
         " Hz; another mu_max or fmax near it will do"
     )
+
+
+def divergence_onset(own: Structure, fmax: float, mu_max: float) -> float:
+    """Least friction up to mu_max at which an exponent is real and grows, at most 2 * 2 pi fmax; NaN without one.
+
+    For phi > 0 every term of A is positive, and has no resonance: 1 / mu = -B / A is smooth over log(phi), and its
+    largest value is the least friction. Static modes are damped as in `falling.falling_problem`.
+    """
+    static = np.arange(len(own.stiffness)) >= len(own.frequency)
+    n, t = own.normal, own.tangential
+
+    def slope(log_phi: float) -> float:
+        phi = np.exp(log_phi)
+        moving = own.stiffness + phi * (own.damping + phi)
+        dynamic = np.where(static, own.stiffness * (1.0 + own.d2 * phi), moving)
+        return float((n * t / dynamic).sum() / (n * n / dynamic).sum())
+
+    logs = np.log(2.0 * np.pi * fmax) + np.linspace(np.log(FIRST), np.log(2.0), REAL)
+    values = np.array([slope(each) for each in logs])
+    k = int(np.argmin(values))
+    low, high = logs[max(k - 1, 0)], logs[min(k + 1, REAL - 1)]
+    lowest = min(values[k], slope(fminbound(slope, low, high, xtol=1e-9)))
+    return float(-1.0 / lowest) if lowest * mu_max <= -1.0 else float("nan")
 
 
 def brackets(samples: Array, system: tuple[Array, Array, Array, Any]) -> list[tuple[float, float, int]]:

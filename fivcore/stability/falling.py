@@ -120,16 +120,24 @@ def falling_point(
     return problem, falling_roots(problem, *steady(own, friction, mu, V, F))
 
 
+def uncoupled_shape(gaps: Array, distance: Complex, size: Array) -> Complex:
+    """One mode alone, or of those with one frequency the combination that leaves all `gaps` (k, n) closed.
+
+    They are the modes whose `distance` (n,) from the exponent is rounding of its terms, `size` (n,).
+    """
+    q, modes = np.zeros(len(size), dtype=complex), np.flatnonzero(np.abs(distance) <= 64.0 * EPS * size)
+    closed = gaps[:, modes] / np.abs(gaps[:, modes]).max(axis=1, initial=1e-300, keepdims=True)
+    q[modes] = np.linalg.svd(closed)[2][-1]
+    return q
+
+
 def modal_shape(own: Structure, phi: complex, uncoupled: bool) -> Complex:
     """Modal coordinates of an exponent: those of contact forces that leave the normal gap closed."""
     damping = own.damping + own.d2 * own.stiffness * (np.arange(len(own.stiffness)) >= len(own.frequency))
     n, t, distance = own.normal, own.tangential, own.stiffness + phi * (damping + phi)
     q = np.zeros(len(n), dtype=complex)
     if uncoupled:
-        modes = np.flatnonzero(np.abs(distance) <= 64.0 * EPS * (own.stiffness + np.abs(phi) ** 2))
-        gaps = np.stack([n[modes], t[modes]])
-        q[modes] = np.linalg.svd(gaps / np.abs(gaps).max(axis=1, initial=1e-300, keepdims=True))[2][-1]
-        return q
+        return uncoupled_shape(np.stack([n, t]), distance, own.stiffness + np.abs(phi) ** 2)
     nearest = int(np.argmin(np.where((n != 0.0) | (t != 0.0), np.abs(distance), np.inf)))
     gap, others = distance[nearest], np.arange(len(n)) != nearest
     a, b = ((n * each)[others] / distance[others] for each in (n, t))
@@ -243,7 +251,8 @@ def sliding_onsets(scene: Scene, parameter: str, low: float, high: float, fmax: 
     """Onsets and recoveries of steady sliding along the static friction, the speed or the load.
 
     Those within the band, as for `flutter_onsets`: motions that grow without oscillation, or that enter the band
-    while they grow, have none.
+    while they grow, have none. Where friction falls with the speed, the search along mu ends below `high` at the
+    friction at which the contact of a structure jams.
 
     Parameters
     ----------

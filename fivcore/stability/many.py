@@ -25,6 +25,7 @@ from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array, ReadOnlyArrays, kernel
 from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS, Rig, Structural, checked_theta
 from fivcore.stability import falling
+from fivcore.stability.by_mode_onsets import divergence_onset
 from fivcore.stability.falling import checked_sliding
 from fivcore.stability.onsets import (
     ARC,
@@ -54,8 +55,6 @@ _PAPERS = Rig()
 class FlutterOnsets(ReadOnlyArrays):
     """Where growth rates pass through zero as mu rises, ascending in mu; arrays are read-only.
 
-    Divergence (a growing real exponent) is not among them: `sliding_modes` tells whether a mu is stable.
-
     Attributes
     ----------
     mu, frequency, recovery_mu, recovery_frequency : ndarray, (n,) or (m,)
@@ -64,6 +63,10 @@ class FlutterOnsets(ReadOnlyArrays):
     entry_mu : ndarray, (k,)
         Friction at which a pair enters the band through its top while it grows, at no more than 1.7 times the
         band's angular frequency.
+    divergence_mu : float
+        Least friction at which a motion grows without oscillation (divergence: the contact jams), at no more than
+        twice the band's angular frequency; NaN if that is above mu_max, and where friction falls with the speed,
+        for which it is not sought: `sliding_modes` tells what grows.
     """
 
     mu: Array
@@ -71,6 +74,7 @@ class FlutterOnsets(ReadOnlyArrays):
     recovery_mu: Array
     recovery_frequency: Array
     entry_mu: Array
+    divergence_mu: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +163,8 @@ def flutter_onsets(
         values = {"mu": 0.0, "V": float(speed or 0.0), "F": float(load or 0.0)}
         return _own_onsets(structure_of(rig, angle), fmax, mu_max, friction, values)
     found = flutter_onsets_many({"theta": angle}, fmax, mu_max, rig)
-    return FlutterOnsets(*(getattr(found, each.name)[0].copy() for each in fields(FlutterOnsets)))
+    own: Any = {each.name: getattr(found, each.name)[0].copy() for each in fields(FlutterOnsets)}
+    return FlutterOnsets(**own | {"divergence_mu": float(own["divergence_mu"])})
 
 
 def _own_onsets(
@@ -170,8 +175,9 @@ def _own_onsets(
     mu, place, change = falling.crossings(own, band, friction, values, "mu", 0.0, most).T
     on_axis, up = place <= 1.0, change > 0.0
     onset, recovery = on_axis & (change == 2.0), on_axis & (change == -2.0)
-    entry = mu[~on_axis & (place <= TOP) & up].copy()
-    return FlutterOnsets(mu[onset], band * place[onset], mu[recovery], band * place[recovery], entry)
+    entry, kappa = mu[~on_axis & (place <= TOP) & up].copy(), friction.kinetic_ratio
+    divergence = divergence_onset(own, band, kappa * most) / kappa if friction.constant else float("nan")
+    return FlutterOnsets(mu[onset], band * place[onset], mu[recovery], band * place[recovery], entry, divergence)
 
 
 def flutter_onsets_many(

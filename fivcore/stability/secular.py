@@ -114,8 +114,7 @@ def all_roots(problem: SlidingProblem, c: Array, tail: Array, mu: float) -> Comp
         more += min(abs(missing), 2 * problem.poles.shape[-1])
         roots = np.append(problem.guesses, RADIUS * np.exp(2j * np.pi * (np.arange(more) + 0.3) / more))
     raise UnsolvedError(
-        f"mu = {mu!r}: some eigenvalues could not be found with this rig and theta; another mu or fmax near it "
-        "will do"
+        f"mu = {mu!r}: some exponents of steady sliding could not be found; another mu or fmax near it will do"
     )
 
 
@@ -277,8 +276,12 @@ def aberth(z: Complex, p: Array, c: Array, tail: Array) -> None:
                 if i != j and z[i] != z[j]:
                     crowd += 1.0 / (z[j] - z[i])
             step = step / (1.0 - step * crowd)
-            z[j] -= step
             length = abs(step)
+            if not length < OUTSIDE:
+                # So far outside the series has no value; NaN would spread to all others.
+                z[j], last[j] = OUTSIDE, -1.0
+                continue
+            z[j] -= step
             # Near a double root f is rounding, and steps get no shorter, before they are too short to matter.
             if length <= 4.0 * EPS * abs(z[j]) or (rounding and length >= last[j]):
                 length = -1.0

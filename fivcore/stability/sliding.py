@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore import checks
-from fivcore.beams.modes import EPS, contact_modes, rig_bases
+from fivcore.beams.modes import rig_bases
 from fivcore.errors import InputError
 from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array, Complex, ReadOnlyArrays
 from fivcore.rig import Rig, Structural, checked_theta
 from fivcore.stability.by_mode import damped_by_mode, damped_problem, damped_roots
-from fivcore.stability.falling import checked_sliding, falling_point, modal_shape
+from fivcore.stability.falling import checked_sliding, falling_point, modal_shape, uncoupled_shape
 from fivcore.stability.secular import MOST_REPORTED, damp, sliding_problem, sliding_roots
 from fivcore.structure import Structure, structure_of
 
@@ -76,53 +76,40 @@ class SlidingModes(ReadOnlyArrays):
         P1's nodes from A to C come first, then P2's from the clamp to the free end (`node_positions`). Of a
         structure (..., modes, n): modal coordinates, the largest of which is 1.
         """
-        if not isinstance(self.rig, Rig):
-            return self._modal_shape(structure_of(self.rig, 0.0))
-        nodes = self.rig.p1.elements + self.rig.p2.elements + 2
-        shapes = np.full((*self.frequency.shape, nodes, 3), complex(np.nan, np.nan))
+        rig, modes = self.rig, len(structure_of(self.rig, 0.0).frequency)
+        size = (rig.p1.elements + rig.p2.elements + 2, 3) if isinstance(rig, Rig) else (modes,)
+        shapes = np.full((*self.frequency.shape, *size), complex(np.nan, np.nan))
         for index in zip(*np.nonzero(np.isfinite(self.frequency)), strict=True):
-            theta, mu = float(self.theta[index[:-1]]), self.friction.kinetic_ratio * self.mu[index[:-1]]
-            upper, lower = rig_bases(self.rig, theta)
-            stiffness, normal, tangential = contact_modes(self.rig, theta)
-            force, distance = normal + mu * tangential, stiffness - self.eigenvalue[index]
-            if not self.friction.constant:
-                phi = complex(self.growth_rate[index], 2.0 * np.pi * self.frequency[index])
-                q = modal_shape(structure_of(self.rig, theta), phi, bool(self.uncoupled[index]))
-            elif self.uncoupled[index]:
-                # One mode alone, or of two with one frequency the combination that leaves the gap closed.
-                i, j = np.flatnonzero(np.abs(distance) <= 8.0 * EPS * stiffness)[[0, -1]]
-                q = np.zeros_like(distance)
-                q[[i, j]] = (1.0, 1.0) if i == j else (normal[j], -normal[i])
-            else:
-                # q_i = (n_i + mu t_i) N / (p_i - lambda), with N such that the nearest pole cancels.
-                nearest = np.argmin(np.where(force != 0.0, np.abs(distance), np.inf))
-                others = np.arange(len(force)) != nearest
-                q = force * np.divide(distance[nearest], distance, out=np.ones_like(distance), where=others)
-            split = len(upper.stiffness)
-            shape = np.concatenate([upper.shapes @ q[:split], lower.shapes @ q[split:]])
-            translations = shape[:, :2].ravel()
-            shapes[index] = shape / translations[np.argmax(np.abs(translations))]
+            theta = float(self.theta[index[:-1]])
+            q = self._modal_shape(index, structure_of(rig, theta))
+            shape = parts = q[:modes]
+            if isinstance(rig, Rig):
+                upper, lower = rig_bases(rig, theta)
+                split = len(upper.stiffness)
+                shape = np.concatenate([upper.shapes @ q[:split], lower.shapes @ q[split:]])
+                parts = shape[:, :2].ravel()
+            shapes[index] = shape / parts[np.argmax(np.abs(parts))]
         return shapes
 
-    def _modal_shape(self, own: Structure) -> Complex:
-        shapes = np.full((*self.frequency.shape, len(own.frequency)), complex(np.nan, np.nan))
-        for index in zip(*np.nonzero(np.isfinite(self.frequency)), strict=True):
-            phi = complex(self.growth_rate[index], 2.0 * np.pi * self.frequency[index])
-            force = own.normal + self.friction.kinetic_ratio * self.mu[index[:-1]] * own.tangential
+    def _modal_shape(self, index: Any, own: Structure) -> Complex:
+        """Modal coordinates of one mode, all of them."""
+        phi, uncoupled = (
+            complex(self.growth_rate[index], 2.0 * np.pi * self.frequency[index]),
+            self.uncoupled[index],
+        )
+        if not self.friction.constant:
+            return modal_shape(own, phi, bool(uncoupled))
+        if isinstance(self.rig, Rig):
+            distance = own.stiffness - self.eigenvalue[index]
+        else:
             distance = own.stiffness + phi * (own.damping + phi)
-            if not self.friction.constant:
-                q = modal_shape(own, phi, bool(self.uncoupled[index]))
-            elif self.uncoupled[index]:
-                i, j = np.flatnonzero(np.abs(distance) <= 64.0 * EPS * own.stiffness)[[0, -1]]
-                q = np.zeros_like(distance)
-                q[[i, j]] = (1.0, 1.0) if i == j else (own.normal[j], -own.normal[i])
-            else:
-                nearest = np.argmin(np.where(force != 0.0, np.abs(distance), np.inf))
-                others = np.arange(len(force)) != nearest
-                q = force * np.divide(distance[nearest], distance, out=np.ones_like(distance), where=others)
-            q = q[: shapes.shape[-1]]
-            shapes[index] = q / q[np.argmax(np.abs(q))]
-        return shapes
+        if uncoupled:
+            return uncoupled_shape(own.normal[None], distance, own.stiffness + np.abs(phi) ** 2)
+        # q_i = (n_i + mu t_i) N / (p_i - lambda), with N such that the nearest pole cancels.
+        force = own.normal + self.friction.kinetic_ratio * self.mu[index[:-1]] * own.tangential
+        nearest = np.argmin(np.where(force != 0.0, np.abs(distance), np.inf))
+        others = np.arange(len(force)) != nearest
+        return np.asarray(force * np.divide(distance[nearest], distance, out=np.ones_like(distance), where=others))
 
 
 def sliding_modes(

@@ -7,7 +7,7 @@ makes the summary at the end.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -51,7 +51,7 @@ class Transient:
         0 separation, 1 stick, 2 slip.
     growing : ndarray, (m,)
         Frequencies of the growing modes of steady sliding in the reduced model, Hz. Empty unless the method is
-        "fast" with the default cut-off.
+        "fast" with the default cut-off, and the run starts at rest (no `initial`).
     final_state : State
         State at the end, which `fivcore.simulate` takes as `initial`; for V < 0 that of the mirrored scene.
     """
@@ -81,12 +81,17 @@ class Job:
     """One scene under way: its run and its observers."""
 
     def __init__(self, scene: Scene, normalised: Normalised, options: Options) -> None:
-        resumed = options.resumed
-        self._scene = scene
+        self._scene, resumed = scene, options.resumed
         self.run = resumed.again(options) if resumed else METHODS[options.method](normalised, options)
+        # The result does not keep the run that it continues, which would keep the one before.
+        self.run.options = replace(options, resumed=None)
         self._observer = Observer(self.run.rate, scene.rig.time_unit)
         rate = options.rows(self.run.step)[1]
-        self._series = Record(normalised, options.record, options.sample_times, rate, self.run.begun)
+        before = resumed.last_row if resumed else None
+        if before is not None:
+            # Of the step before, if that was recorded.
+            before = before[before[:, 0] > self.run.begun - 1.1 * self.run.step]
+        self._series = Record(normalised, options.record, options.sample_times, rate, self.run.begun, before)
         # Long sticks that have ended; number of the samples that were filled in.
         self._sticks, self._further = np.empty((0, 2)), 0
         self._watch = None if options.until is None else Watch(self.run, options.until)
@@ -127,7 +132,7 @@ class Job:
         summary = summarise(self.run, self._observer, self._sticks, self._further)
         if self._watch is not None:
             summary["standard_error_reached"] = self._watch.known
-        self.run.segments = ()
+        self.run.segments, self.run.last_row = (), self._series.last
         return Transient(
             self._scene,
             summary,

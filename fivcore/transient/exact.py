@@ -15,6 +15,11 @@ An event within DWELL of the last one (a graze, or the tip of the cone) is not a
 DWELL and the next one decided from the state alone. The motion stays linear and its energy balance exact; where
 gap or cone were overstepped meanwhile, the decision changes u, booked as impact.
 
+Where every mode is kept, the surfaces are rigid: x is (q, v) of the modes of the structure that the contact holds,
+N and T are what keeps the gap closed and, in stick, the surfaces together. Their law is that of
+`fivcore.contact.law`: an impact leaves no closing speed, its tangential impulse is within the cone; T jumps where
+slip ends.
+
 Where friction jumps to a kinetic coefficient, slip is linear with that one. A slipping contact sticks only where
 kinetic friction holds it, and a sticking one slips where |T| = mu N, at once at a finite rate.
 Where friction falls with the speed, slip is that of `fivcore.transient.exact_falling`.
@@ -22,20 +27,20 @@ Where friction falls with the speed, slip is that of `fivcore.transient.exact_fa
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from fivcore.beams.modes import one_blas_thread
+from fivcore.contact.law import resistance
 from fivcore.contact.reduced import ReducedModel, default_cutoff, modified, reduced_model
 from fivcore.errors import ContactError, DivergenceError, SceneValueError, not_unique
-from fivcore.friction import COULOMB
 from fivcore.jit import Array, Complex
 from fivcore.rig import Rig
-from fivcore.transient.exact_kernels import N_, ONE, Q_R, SCENE, T_, V_R, A, P, S, observe, search, waves_at
-from fivcore.transient.normalised import Normalised, energies, residual_gaps
+from fivcore.transient.exact_kernels import ONE, Q_R, SCENE, V_R, A, P, S, observe, search, waves_at
+from fivcore.transient.normalised import Normalised, energies, residual_gaps, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import SEPARATION, STICK
 from fivcore.transient.stepped import SteppedRun
@@ -49,8 +54,8 @@ MOST_GROWTH, LOST = 10.0, 1e-9
 BOUNDARY, HELD = -1, -2
 # Default grid on which statistics are read, length of a segment, and the shortest ramp, s.
 STEP, SEGMENT, SHORT = 1e-6, 0.04, 1e-7
-# Stiffness of a rigid contact in units of the highest mode's.
-PENALTY = 1e9
+# A rate of a rigid contact is zero below this, in units of the modes' rates.
+AT_REST = 1e-9
 # Slip with T = mu N and with T = -mu N; the other statuses have the numbers of `fivcore.transient.statistics`.
 SLIP_UP, SLIP_DOWN = 2, 3
 
@@ -61,7 +66,7 @@ class ExactRun(SteppedRun):
     Raises
     ------
     SceneValueError
-        Where the contact has no dashpot.
+        Where the contact has no dashpot, or is rigid and its directions are parallel.
     ContactError
         Where the contact force is not unique, or slip grows too fast to be resolved.
     """
@@ -70,16 +75,16 @@ class ExactRun(SteppedRun):
 
     def __init__(self, scene: Normalised, options: Options) -> None:
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
-        cutoff = default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
-        self.rigid = not model.K.any() and not isinstance(scene.rig, Rig)
-        if self.rigid:
-            model = penalised(model)
-        self.model = model
-        if not model.C.any():
+        # Of the paper's rig all modes at once would be hundreds.
+        self.model, self.rigid = model, not model.K.any() and not isinstance(scene.rig, Rig)
+        if not (self.rigid or model.C.any()):
+            cutoff = default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
             raise SceneValueError(
                 f"cutoff = {cutoff:g}: the contact has no dashpot, which method 'exact' needs; use a cutoff that"
-                " leaves out more modes of this rig, or method 'fast'"
+                " leaves out more modes, or method 'fast'"
             )
+        # Change of (N, T) with the rates of the gaps, in rigid contact with their accelerations.
+        self._resistance = resistance(model.W) if self.rigid else model.C
         # Of a contact that slips, at the lowest speed, over the static coefficient.
         ratio = scene.friction.kinetic_ratio if scene.friction.decay_speed == 0.0 else 1.0
         limit = model.painleve_mu(None) / ratio if ratio > 0.0 else np.inf
@@ -90,23 +95,25 @@ class ExactRun(SteppedRun):
         super().__init__(scene, options, step, round(SEGMENT * unit / step), SCENE)
         self._dwell = dwell = DWELL * unit
         self._slipping = ratio * scene.mu
-        self.balanced = self.rigid and scene.friction != COULOMB and bool(np.linalg.cond(model.W) < 1e8)
-        self._statuses = statuses(model, scene.mu, self._slipping, self.balanced)
-        if max(status.eigenvalues.real.max() for status in self._statuses) * dwell > MOST_GROWTH:
+        self._statuses = statuses(model, scene.mu, self._slipping)
+        if max(status.eigenvalues.real.max(initial=0.0) for status in self._statuses) * dwell > MOST_GROWTH:
             raise ContactError(
                 f"{not_unique(scene.mu, limit)}, and so close to it slip grows by more"
                 f" than e^{MOST_GROWTH:g} within {dwell:g} s, which is not resolved"
             )
-        self._size = sum(energies(scene))
+        # Energy of the motion: at rest, of the drive, and of what friction loads before the contact slips.
+        driven = 0.5 * scene.speed_per_load**2 / np.trace(model.W) + 0.5 * scene.mu * slip_distance(scene)
+        self._size = sum(energies(scene)) + driven
         self._now, self.held = 0.0, 0
         # The full state is (q, v, u_N, u_T), q as deviations from `ReducedModel.rest`.
         initial, n = options.initial, len(model.stiffness)
         y = np.zeros(2 * n + 2)
+        self._gaps_at_rest = np.zeros(2) if self.rigid else np.linalg.solve(model.K, [1.0, 0.0])
         if initial is not None:
             y[:n] = initial.displacement[model.kept] - model.rest
             y[n : 2 * n] = initial.velocity[model.kept]
-            u = residual_gaps(scene, model.kept, initial)
-            y[2 * n :] = u - np.linalg.solve(model.K, [1.0, 0.0])
+            if not self.rigid:
+                y[2 * n :] = residual_gaps(scene, model.kept, initial) - self._gaps_at_rest
         # The acceleration in a ramp of 10 ns is so large that the motion would be lost in its rounding.
         self._ramp = options.ramp if options.ramp >= SHORT * unit else 0.0
         if initial is not None and initial.running:
@@ -114,12 +121,13 @@ class ExactRun(SteppedRun):
         elif self._ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(y)
-        self._decide(0.0, y, options.contact)
+        # Rigid surfaces may be given any rates: the start is an impact, of which those at rest notice nothing.
+        self._decide(0.0, y, options.contact, touchdown=self.rigid and options.contact != SEPARATION)
 
     def state(self) -> tuple[Array, Array, Array]:
         """Displacements from rest and velocities of the modes, and the gaps of the others."""
         y, n = self._state_at(self._now), len(self.model.stiffness)
-        return y[:n], y[n : 2 * n], y[2 * n :] + np.linalg.solve(self.model.K, [1.0, 0.0])
+        return y[:n], y[n : 2 * n], y[2 * n :] + self._gaps_at_rest
 
     def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
         goal = last * self.step
@@ -148,7 +156,8 @@ class ExactRun(SteppedRun):
         The forces are continuous but at touch-down, where the dashpot lets N jump, and where friction jumps. So
         the margin that has just vanished departs from zero with its first derivative (slip rate after stick,
         distance to the edge of the cone after slip) or its second (gap where N falls to zero, or after a
-        touch-down without closing speed): `orders`, as in `search`.
+        touch-down without closing speed): `orders`, as in `search`. Without the dashpot of rigid surfaces gap and
+        slip rate depart with the next derivative.
         """
         model, r, n = self.model, self._statuses[which], len(self.model.stiffness)
         end, acceleration = self._drive(t)
@@ -170,7 +179,7 @@ class ExactRun(SteppedRun):
         if lost > LOST**2 * 2.0 * max(self._size, abs(energy)):
             raise DivergenceError(
                 f"at t = {t:.6g} s the motion is lost in the rounding of a mode far slower than it, or of two"
-                " coincident eigenvalues (change mu or theta in the eighth digit)"
+                " coincident eigenvalues (change mu in the eighth digit)"
             )
         self.record["impact"] += energy - self._energy_of(entered)
         margins, left = r.margins * self._amplitudes, max(end - t, 0.0)
@@ -184,48 +193,91 @@ class ExactRun(SteppedRun):
         """Enter the status that follows the event that ends the present one; in contact event 0 is N = 0."""
         t, which, event = self._stop, self._which, self._event
         y = self._state_at(t)
-        if event == BOUNDARY:
+        if event == BOUNDARY and not self.rigid:
             self._enter(t, which, y)
-        elif event == HELD or which == SEPARATION:
-            self._decide(t, y, which, touchdown=event != HELD)
+        elif event in (BOUNDARY, HELD) or which == SEPARATION:
+            self._decide(t, y, which, touchdown=event == 0)
         elif event == 0:
-            self._enter(t, SEPARATION, y, (2, 0, 0))
-        elif self._slipping < self.scene.mu:
+            self._enter(t, SEPARATION, y, (3 if self.rigid else 2, 0, 0))
+        elif self._slipping < self.scene.mu and not (self.rigid and which >= SLIP_UP):
             # T jumps as slip begins, and is well within the cone where it ends.
-            self._decide(t, y, SLIP_UP if which == STICK else STICK)
+            self._decide(t, y, SLIP_UP if which == STICK else STICK, even=True)
         elif which == STICK:
-            self._enter(t, SLIP_UP if event == 1 else SLIP_DOWN, y, (0, 1, 0))
+            self._enter(t, SLIP_UP if event == 1 else SLIP_DOWN, y, (0, 2 if self.rigid else 1, 0))
+        elif self.rigid:
+            self._decide(t, y, which, even=True)
         else:
             self._enter(t, STICK, y, (0, 1, 0) if which == SLIP_UP else (0, 0, 1))
 
-    def _decide(self, t: float, y: Array, was: int, touchdown: bool = False) -> None:
-        """Enter the status that the state alone demands (`fivcore.contact.law`); at `touchdown` the gap closes."""
-        g_N = self.model.normal @ y[: len(self.model.stiffness)]
+    def _decide(self, t: float, y: Array, was: int, touchdown: bool = False, even: bool = False) -> None:
+        """Enter the status that the state alone demands (`fivcore.contact.law`).
+
+        At `touchdown` the gap closes; where `even`, the slip rate is zero but for rounding.
+        """
+        g_N, energy = self.model.normal @ y[: len(self.model.stiffness)], self._energy_of(y)
         if was == SEPARATION and g_N + y[-2] > 0.0 and not touchdown:
             self._enter(t, SEPARATION, y)
             return
+        slip_rate = 0.0
+        if self.rigid:
+            opens, slip_rate = self._close(t, y, SEPARATION if touchdown else was, even)
+            self.record["impact"] += energy - self._energy_of(y)
+            if opens:
+                self._enter(t, SEPARATION, y, (1, 0, 0))
+                return
         N, T = self._sticking_force(t, y)
-        which = SLIP_UP if T > 0.0 else SLIP_DOWN
+        up = slip_rate < 0.0 if slip_rate else T > 0.0
         # A slipping contact sticks only where kinetic friction holds it.
-        sticks = N > 0.0 and abs(T) <= (self.scene.mu if was == STICK else self._slipping) * N
-        if not sticks and self._slipping_force(N, T) <= 0.0:
-            self._enter(t, SEPARATION, y, (2 if was == SEPARATION else 1, 0, 0))
+        most = self.scene.mu if was == STICK else self._slipping
+        sticks = slip_rate == 0.0 and N > 0.0 and abs(T) <= most * N
+        if not sticks and self._slipping_force(N, T, up, slip_rate) <= 0.0:
+            self._enter(t, SEPARATION, y, (2 if self.rigid or was == SEPARATION else 1, 0, 0))
             return
-        # Contact is entered with a u_N of its own, which is not yet that of the gap.
-        energy, y[-2] = self._energy_of(y), -g_N
-        self.record["impact"] += energy - self._energy_of(y)
-        self._enter(t, STICK if sticks else which, y)
+        if not self.rigid:
+            # Contact is entered with a u_N of its own, which is not yet that of the gap.
+            y[-2] = -g_N
+            self.record["impact"] += energy - self._energy_of(y)
+        which = STICK if sticks else SLIP_UP if up else SLIP_DOWN
+        self._enter(t, which, y, (0, int(self.rigid and not sticks and slip_rate == 0.0), 0))
+
+    def _close(self, t: float, y: Array, was: int, even: bool) -> tuple[bool, float]:
+        """Close the gap of rigid surfaces in the state `y`; return whether they part, and the slip rate."""
+        (q, v), model, P = np.split(y[:-2], 2), self.model, self._clamp_velocity(t)
+        parts, W = model.shapes * v, model.W
+        rates, zero = parts.sum(axis=1) - [0.0, P], AT_REST * np.add(np.abs(parts).sum(axis=1), [0.0, P])
+        q -= model.normal * (model.normal @ q / W[0, 0])
+        impulse = np.array([-rates[0] / W[0, 0], 0.0])
+        if was == SEPARATION:
+            if rates[0] > zero[0]:
+                return True, 0.0
+            N, T = -self._resistance @ rates
+            m = self._impact_mu(rates, T > 0.0)
+            even = abs(T) <= m * N
+            N = N if even else slipping_force(N, T, m if T > 0.0 else -m, self._resistance)
+            impulse = np.array([N, T if even else np.copysign(m * N, T)])
+        v += impulse @ model.shapes
+        slip_rate = float(rates[1] + W[1] @ impulse)
+        # Past its zero where an event was not acted on.
+        past = was >= SLIP_UP and (slip_rate > 0.0) == (was == SLIP_UP)
+        return False, 0.0 if even or past or was == STICK or abs(slip_rate) <= zero[1] else slip_rate
+
+    def _impact_mu(self, rates: Array, up: bool) -> float:
+        """Coefficient of friction in an impact with T > 0 (`up`) or T < 0, from the gaps' rates before it."""
+        return self._slipping
 
     def _sticking_force(self, t: float, y: Array) -> Array:
         """(N, T) of a contact that sticks in the full state `y`."""
-        (q, v), K = np.split(y[:-2], 2), self.model.K
-        rates = np.array([0.0, self._clamp_velocity(t)]) - self.model.shapes @ v
-        return np.asarray(K @ np.array([-(self.model.normal @ q), y[-1]]) + self.model.C @ rates + [1.0, 0.0])
+        (q, v), model = np.split(y[:-2], 2), self.model
+        if self.rigid:
+            acceleration = self._drive(t)[1]
+            free = model.inertia * acceleration - model.damping * v - model.stiffness * q
+            return np.asarray(self._resistance @ ([0.0, acceleration] - model.shapes @ free) + [1.0, 0.0])
+        rates = np.array([0.0, self._clamp_velocity(t)]) - model.shapes @ v
+        return np.asarray(model.K @ np.array([-(model.normal @ q), y[-1]]) + model.C @ rates + [1.0, 0.0])
 
-    def _slipping_force(self, N: float, T: float) -> float:
-        """N in slip, from (N, T) in stick: slip changes them by C times the change of u_T', until T = m N."""
-        C, m = self.model.C, self._slipping if T > 0.0 else -self._slipping
-        return float(N - C[0, 1] * ((T - m * N) / (C[1, 1] - m * C[0, 1])))
+    def _slipping_force(self, N: float, T: float, up: bool, slip_rate: float) -> float:
+        """N in slip with T > 0 (`up`) or T < 0, from (N, T) in stick."""
+        return slipping_force(N, T, self._slipping if up else -self._slipping, self._resistance)
 
     def _drive(self, t: float) -> tuple[float, float]:
         """End of the ramp or of the run, whichever is ahead, and the acceleration of P2's clamp until then."""
@@ -256,16 +308,9 @@ class ExactRun(SteppedRun):
         return bool(np.isfinite(self._amplitudes).all())
 
 
-@lru_cache(maxsize=32)
-def penalised(model: ReducedModel) -> ReducedModel:
-    """Give a rigid contact a spring PENALTY times as stiff as the highest mode, and its critical dashpot.
-
-    The motion changes by about 1 / PENALTY of itself.
-    """
-    omega = float(np.sqrt(model.stiffness.max()))
-    K = PENALTY * omega**2 * np.diag(1.0 / np.maximum(np.diag(model.W), 1e-3 * model.W.max()))
-    # A little more than critical: two coincident eigenvalues would have no basis.
-    return replace(model, K=K, C=2.2 / (np.sqrt(PENALTY) * omega) * K)
+def slipping_force(N: float, T: float, m: float, resistance: Array) -> float:
+    """N in slip, from (N, T) in stick: slip changes them by `resistance` (2, 2) times its rate, until T = m N."""
+    return float(N - resistance[0, 1] * ((T - m * N) / (resistance[1, 1] - m * resistance[0, 1])))
 
 
 class Status(NamedTuple):
@@ -285,38 +330,66 @@ class Status(NamedTuple):
 
 @lru_cache(maxsize=32)
 @one_blas_thread()
-def statuses(model: ReducedModel, mu: float, slipping: float, balanced: bool = False) -> tuple[Status, ...]:
-    """The motion of a model in each of the four contact statuses, with the coefficients of stick and of slip.
-
-    Where `balanced`, N and T are what the motion of the modes needs. From the spring of a rigid contact, a
-    displacement times PENALTY, they have an error of 1e-6.
-    """
+def statuses(model: ReducedModel, mu: float, slipping: float) -> tuple[Status, ...]:
+    """The motion of a model in each of the four contact statuses, with the coefficients of stick and of slip."""
     coefficients = {SEPARATION: 0.0, STICK: mu, SLIP_UP: slipping, SLIP_DOWN: slipping}
-    return tuple(_status(model, mu, which, balanced) for which, mu in coefficients.items())
+    return tuple(_status(model, mu, which) for which, mu in coefficients.items())
 
 
-def _status(model: ReducedModel, mu: float, which: int, balanced: bool) -> Status:
+def _moving(model: ReducedModel, which: int) -> tuple[Array, Array, list[int]]:
+    """What moves freely in a status: shapes of modes (n, h), their frequencies (h,), rad/s, and entries of u.
+
+    In rigid contact they are the modes of the structure held at the contact; else those of the model, of which in
+    separation a rigid one is part of d.
+    """
+    k = model.stiffness
+    if which == SEPARATION:
+        elastic = k > 0.0
+        return np.eye(len(k))[:, elastic], np.sqrt(k[elastic]), [0, 1] if model.K.any() else []
+    if model.K.any():
+        omega = np.sqrt(np.where(k > 0.0, k, model.contact_frequency**2))
+        return np.eye(len(k)), omega, [] if which == STICK else [1]
+    held = model.shapes[: 2 if which == STICK else 1]
+    free = np.linalg.qr(held.T, mode="complete")[0][:, len(held) :]
+    squares, vectors = np.linalg.eigh((free.T * k) @ free)
+    return free @ vectors, np.sqrt(squares), []
+
+
+def _status(model: ReducedModel, mu: float, which: int) -> Status:
     """Write the equations of a contact status as rows of factors of (x, d), and change to its eigenbasis.
 
-    x is (q, v, u_N, u_T) less what follows from the rest: in contact u_N is -g_N, in stick u_T is S - g_T; in
-    separation a rigid mode is part of d.
+    x is (q, v, u_N, u_T) less what follows from the rest: in contact u_N is -g_N, in stick u_T is S - g_T.
     """
     k, c, K, C, normal, tangential = model.stiffness, model.damping, model.K, model.C, *model.shapes
-    n, rigid = len(k), np.flatnonzero(k == 0.0)
-    dependent = {SEPARATION: [*rigid, *(n + rigid)], STICK: [2 * n, 2 * n + 1]}.get(which, [2 * n])
-    x = np.delete(np.arange(2 * n + 2), dependent)
-    q, v, u, d = np.split(np.delete(np.eye(2 * n + 8), dependent, axis=1), [n, 2 * n, 2 * n + 2])
-    load = np.stack([d[ONE], 0.0 * d[ONE]])
+    n, rigid, is_rigid = len(k), np.flatnonzero(k == 0.0), not K.any()
+    basis, omega, own = _moving(model, which)
+    from_full = block_diag(basis.T, basis.T, np.eye(2)[own])
+    size, modes = len(from_full), len(omega)
+    rows = np.eye(size + 6)
+    q, v, u, d = basis @ rows[:modes], basis @ rows[modes : 2 * modes], np.zeros((2, size + 6)), rows[size:]
+    u[own] = rows[2 * modes : size]
+    load, rate = np.stack([d[ONE], 0.0 * d[ONE]]), np.zeros_like(u)
+    # T = m N in slip.
+    m = mu if which == SLIP_UP else -mu
     if which == SEPARATION:
         q[rigid], v[rigid] = d[[Q_R] * len(rigid)], d[[V_R] * len(rigid)]
-        rate, force = -np.linalg.inv(C) @ (K @ u + load), 0.0 * load
+        rate, force = rate if is_rigid else -np.linalg.inv(C) @ (K @ u + load), 0.0 * load
+    elif is_rigid:
+        W = model.W
+        if which == STICK:
+            # The surfaces move with the drive.
+            along = np.linalg.solve(W, [0.0, 1.0]) @ model.shapes
+            q, v = q + np.outer(along, d[S]), v + np.outer(along, d[P])
+        free = model.shapes @ (np.outer(model.inertia, d[A]) - c[:, None] * v - k[:, None] * q) - W @ load
+        force = np.linalg.solve(W, np.stack([0.0 * d[A], d[A]]) - free)
+        if which != STICK:
+            force = np.outer([1.0, m], -free[0] / (W[0, 0] + m * W[0, 1]))
     else:
         u[0], rate = -normal @ q, np.stack([-normal @ v, d[P] - tangential @ v])
         if which == STICK:
             u[1] = d[S] - tangential @ q
         else:
-            # T = m N: K_T u + C_T u' = m (K_N u + C_N u' + 1), solved for u_T'.
-            m = mu if which == SLIP_UP else -mu
+            # K_T u + C_T u' = m (K_N u + C_N u' + 1), solved for u_T'.
             stiff, viscous = K[1] - m * K[0], C[1] - m * C[0]
             rate[1] = -(stiff @ u + viscous[0] * rate[0] - m * d[ONE]) / viscous[1]
         force = K @ u + C @ rate + load
@@ -331,10 +404,9 @@ def _status(model: ReducedModel, mu: float, which: int, balanced: bool) -> Statu
     }[which]  # fmt: skip
     inertial, velocity, damped = model.inertia @ v, model.point_b @ v, np.sqrt(c)[:, None] * v
     outputs = np.vstack([rate, C @ rate, inertial, velocity, N, T, speed, damped])
-    size, moving = len(x), np.vstack([v, acceleration, rate])[x]
+    moving = from_full @ np.vstack([v, acceleration, rate])
     # Displacements weighted by frequency and u by stiffness: the norm is then near the energy's.
-    omega = np.sqrt(np.where(k > 0.0, k, model.contact_frequency**2))
-    scale = np.concatenate([omega, np.ones(n), np.sqrt(np.diag(K))])[x]
+    scale = np.concatenate([omega, np.ones(modes), np.sqrt(np.diag(K))[own]])
     matrix, forcing = moving[:, :size] * scale[:, None] / scale, moving[:, size:] * scale[:, None]
     eigenvalues, vectors = (part.astype(complex) for part in np.linalg.eig(matrix))
     # Rows of one size lose fewer digits: near the Painleve limit u_T exceeds all else by orders of magnitude.
@@ -351,13 +423,7 @@ def _status(model: ReducedModel, mu: float, which: int, balanced: bool) -> Statu
     back = np.where(eigenvalues.imag > 0.0, 2.0, 1.0)[:, None] * back[kept] * scale
     # (x, d) from w.
     change = np.block([[vectors, steady], [np.zeros((6, vectors.shape[1])), np.eye(6)]])
-    entry = back @ (np.eye(2 * n + 2, 2 * n + 8)[x] - np.pad(steady, ((0, 0), (2 * n + 2, 0))))
-    rows = (np.vstack([q, v, u]), np.stack(margins), outputs)
-    state, watched, seen = (row @ change for row in rows)
-    if balanced and which != SEPARATION:
-        (displaced, moving), m = np.split(state[:-2], 2), len(eigenvalues)
-        needed = np.hstack([moving[:, :m] * eigenvalues, moving[:, m:] @ D]) + c[:, None] * moving
-        needed += k[:, None] * displaced - np.outer(model.inertia, d[A]) @ change
-        N, T = seen[N_ : T_ + 1] = np.linalg.solve(model.W, model.shapes @ needed) + load @ change
-        watched[: 1 if which != STICK else 3] = [N, mu * N - T, mu * N + T][: 1 if which != STICK else 3]
+    entry = back @ (np.pad(from_full, ((0, 0), (0, 6))) - np.pad(steady, ((0, 0), (2 * n + 2, 0))))
+    full = (np.vstack([q, v, u]), np.stack(margins), outputs)
+    state, watched, seen = (part @ change for part in full)
     return Status(eigenvalues, entry, state, watched, np.stack([seen.real.T, seen.imag.T]))

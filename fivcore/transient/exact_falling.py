@@ -5,10 +5,8 @@ by the method of order 8 of Dormand and Prince (SciPy's DOP853) with a relative 
 each instant from the contact's own equation, by Newton's method to rounding. N and w are read at FRACTIONS of a
 step, and their zeros are located on its polynomial, to rounding.
 
-Between rigid surfaces the spring of `exact.penalised` would need a hundred thousand steps in a period. There N
-keeps the gap closed, and where slip ends, gap and u are those of the loaded spring. T jumps as slip ends, at once
-and not through the dashpot. The impact of a touch-down is integrated with the spring. A cycle of one mode is right
-to 1e-9 of itself; with more modes rounding in the eigenbasis of stick, on the spring, makes that 1e-7.
+Between rigid surfaces N keeps the gap closed, and u is zero. The coefficient of friction in an impact is that at
+the mean of the slip rates before and after it, as in `fast`.
 """
 
 from __future__ import annotations
@@ -19,10 +17,11 @@ import numpy as np
 from scipy.integrate import DOP853, OdeSolution
 from scipy.optimize import brentq
 
-from fivcore.errors import ContactError, DivergenceError, not_unique
-from fivcore.friction import friction_ratio
+from fivcore.contact.law import slide
+from fivcore.errors import ContactError, DivergenceError
+from fivcore.friction import friction_ratio, slip_speed
 from fivcore.jit import Array, inlined, kernel
-from fivcore.transient.exact import BOUNDARY, HELD, SLIP_DOWN, SLIP_UP, ExactRun
+from fivcore.transient.exact import BOUNDARY, HELD, SLIP_UP, ExactRun, slipping_force
 from fivcore.transient.exact_kernels import arrive, wanted, write
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
@@ -32,9 +31,6 @@ from fivcore.transient.statistics import ENERGIES, SLIP, STICK
 TOLERANCE, ZERO = 1e-13, 1e-14
 # Where in a step margins are read; the largest number of steps whose polynomials are kept.
 FRACTIONS, MOST = np.arange(1, 9) / 8.0, 1000
-# Closing speed of a closed gap, in units of the motion's size; time in which an impact on the spring has settled,
-# in units of its own time; time over which the rate of N is a difference, in units of the fastest mode's.
-CLOSED, SETTLED, NEAR = 1e-7, 100.0, 1e-5
 
 
 class FallingRun(ExactRun):
@@ -51,17 +47,14 @@ class FallingRun(ExactRun):
     _system: Any
 
     def __init__(self, scene: Normalised, options: Options) -> None:
-        self._law, self._closed = (scene.mu, *scene.friction.law), False
+        self._law = (scene.mu, *scene.friction.law)
         super().__init__(scene, options)
-        direct, cross = self.model.W[0]
-        if self.rigid and scene.mu * abs(cross) >= direct:
-            raise not_unique(scene.mu, direct / abs(cross))
 
     # BLAS reads beyond the rows that the integrator has filled.
     @np.errstate(invalid="ignore")
     def _enter(self, t: float, which: int, y: Array, orders: tuple[int, int, int] = (0, 0, 0)) -> None:
         model, (q, v), C, end = self.model, np.split(y[:-2].copy(), 2), self.model.C, self._drive(t)[0]
-        if which == STICK:
+        if which == STICK and not self.rigid:
             N = self._sticking_force(t, y)[0]
             self._check(N, C[1, 1] - self.scene.mu * (abs(C[0, 1]) - self.scene.friction.slope(0.0) * N))
         if which < SLIP_UP:
@@ -70,22 +63,16 @@ class FallingRun(ExactRun):
         if not np.isfinite(y).all():
             raise DivergenceError(f"the motion has blown up at t = {t:.6g} s")
         omega = np.sqrt(np.where(model.stiffness > 0.0, model.stiffness, model.stiffness.max()))
-        closing, direct = model.normal @ v, model.W[0, 0]
         # Root of the energy; at rest, that of the fastest mode under a unit force.
         energy = np.sum(v**2 + model.stiffness * q**2) + model.K[1, 1] * y[-1] ** 2
-        size = np.sqrt(energy + direct / model.stiffness.max())
-        self._closed = self.rigid and bool(abs(closing) <= CLOSED * size * np.sqrt(direct))
-        if self._closed:
-            v -= model.normal * (closing / direct)
-            self.record["impact"] += 0.5 * closing**2 / direct
-        elif self.rigid:
-            end = min(end, t + SETTLED / model.contact_frequency)
+        size = np.sqrt(energy + model.W[0, 0] / model.stiffness.max())
         self._which, self._origin, self._amplitudes = which, t, y.copy()
         drive = (self._clamp_velocity(t), self._drive(t)[1], 1.0 if which == SLIP_UP else -1.0)
         modes = (model.stiffness, model.damping, model.shapes, model.inertia, model.point_b)
-        self._system = (*modes, model.K, C, self._law, drive, self._closed)
+        self._system = (*modes, model.K, C, self._law, drive, self.rigid)
         start = np.concatenate([q, v, y[-1:], np.zeros(4)])
-        zero = ZERO * size * np.concatenate([1.0 / omega, np.ones(len(v)), [model.K[1, 1] ** -0.5], 4 * [size]])
+        least_u = 1.0 if self.rigid else model.K[1, 1] ** -0.5
+        zero = ZERO * size * np.concatenate([1.0 / omega, np.ones(len(v)), [least_u], 4 * [size]])
         self._zero = -10.0 * ZERO * np.array([1.0, abs(drive[0]) + size * np.sqrt(model.W[1, 1])])
         self._check(*watch(np.zeros(1), start[None], self._system)[0, ::3])
         length, longest = max(end - t, self._dwell), 2.0 / omega.max()
@@ -121,6 +108,9 @@ class FallingRun(ExactRun):
         signs = np.array([1.0, -self._system[-2][2]])
         past = values[:, [0, 2]] * signs < self._zero
         first = int(np.argmax(past[1:].any(axis=1))) + 1 if past[1:].any() else len(s)
+        if np.isnan(values).any():
+            # Within the step there are states without a slip rate.
+            self._check(watch(s[:1], piece.y_old[None], self._system)[0, 0], 0.0)
         for N, slack in values[1:first, ::3]:
             self._check(N, slack)
         if first == len(s):
@@ -146,47 +136,26 @@ class FallingRun(ExactRun):
                 f" N = {N * scene.load:.3g} N; it must be above {least * scene.load:.3g} m/s, or 0 for a jump"
             )
 
-    def _slipping_force(self, N: float, T: float) -> float:
-        C, sense = self.model.C, 1.0 if T > 0.0 else -1.0
-        return float(N - sense * C[0, 1] * sliding(N, T, C, self._law, sense)[0])
+    def _impact_mu(self, rates: Array, up: bool) -> float:
+        sense, law = 1.0 if up else -1.0, slide(self.model.K, self.model.C, 0.5 * self.model.W, 1.0)
+        alpha, (mu, *fall) = -0.5 * rates[0], self._law
+        ahead = -sense * (rates[1] + law.rate_N / law.beta * alpha)
+        _, ratio = slip_speed(ahead, ahead, law.mobility, alpha, law.beta, sense * law.gamma, mu, tuple(fall))
+        return float(mu * ratio)
+
+    def _slipping_force(self, N: float, T: float, up: bool, slip_rate: float) -> float:
+        sense = 1.0 if up else -1.0
+        if self.rigid:
+            m = sense * self.scene.mu * self.scene.friction.ratio(slip_rate)
+            return slipping_force(N, T, m, self._resistance)
+        return float(N - sense * self.model.C[0, 1] * sliding(N, T, self.model.C, self._law, sense)[0])
 
     def _state_at(self, t: float) -> Array:
         if self._which < SLIP_UP:
             return super()._state_at(t)
-        model, s, n = self.model, t - self._origin, len(self.model.stiffness)
-        z = self._path(s)
-        q, v, u_T = z[:n], z[n : 2 * n], z[2 * n]
-        if not self._closed:
-            return np.concatenate([q, v, [-(model.normal @ q), u_T]])
-        near = np.array([s - NEAR / np.sqrt(model.stiffness.max()), s])
-        (before, _), (N, T) = watch(near, self._path(near).T, self._system)[:, :2]
-        return self._sprung(q, v, N, T, (N - before) / (near[1] - near[0]))
-
-    def _sprung(self, q: Array, v: Array, N: float, T: float, rate: float = 0.0) -> Array:
-        """Full state where the spring of a rigid contact carries (N, T), and N changes at a `rate`."""
-        model = self.model
-        K, rate = np.diag(model.K), rate / model.K[0, 0]
-        u_N = (N - 1.0 - model.C[0, 0] * rate) / K[0]
-        q = q - model.normal * ((model.normal @ q + u_N) / model.W[0, 0])
-        v = v - model.normal * ((model.normal @ v + rate) / model.W[0, 0])
-        return np.concatenate([q, v, [u_N, T / K[1]]])
-
-    def _next_status(self) -> None:
-        model, which, t = self.model, self._which, self._stop
-        if not (self.balanced and self._closed and which >= SLIP_UP and self._event == 1):
-            super()._next_status()
-            return
-        # T jumps between rigid surfaces: into the cone, or beyond it and they slip the other way.
-        y, acceleration = self._state_at(t), self._drive(t)[1]
-        q, v = np.split(y[:-2], 2)
-        free = model.inertia * acceleration - model.damping * v - model.stiffness * q
-        N, T = np.array([1.0, 0.0]) + np.linalg.solve(model.W, [0.0, acceleration] - model.shapes @ free)
-        if abs(T) <= self.scene.mu * N:
-            energy, y = self._energy_of(y), self._sprung(q, v, N, T)
-            self.record["impact"] += energy - self._energy_of(y)
-            self._enter(t, STICK, y)
-        else:
-            self._enter(t, SLIP_UP + SLIP_DOWN - which, y)
+        n = len(self.model.stiffness)
+        z = self._path(t - self._origin)
+        return np.concatenate([z[: 2 * n], [0.0 if self.rigid else -(self.model.normal @ z[:n]), z[2 * n]]])
 
     def _observe(self, end: float, first: int, until: int, samples: Array, rows: Array, sticks: Array) -> None:
         if self._which < SLIP_UP:

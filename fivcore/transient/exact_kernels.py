@@ -73,18 +73,21 @@ def search(eigenvalues: Any, factors: Any, start: Any, orders: Any, end: float) 
     so f has no zero before f + f' x - B x^2 / 2 has one. Repeated steps to the positive root of this parabola pass
     a near miss or converge to the first zero, from before it and with second order: no pair of zeros is missed.
 
-    An entry of `orders` (k,), 0 to 2, counts the derivatives, the value included, that vanish at s = 0. With the
+    An entry of `orders` (k,), 0 to 3, counts the derivatives, the value included, that vanish at s = 0. With the
     next one g > 0 and a bound B on the one after it, f >= s^order / order! (g - B s / (order + 1)); the search
     begins at half of the zero of this bound. Where g <= 0 the zero is at s = 0.
     """
     m, (count, size) = len(eigenvalues), factors.shape
+    fastest = 1.0 / AHEAD
+    for k in range(m):
+        fastest = max(fastest, eigenvalues[k].real)
     # A step never spans more than a factor of e of growth, beyond which the bound is too loose to be of use.
-    ahead = min(end, AHEAD, 1.0 / max(eigenvalues.real.max(), 1.0 / AHEAD))
+    ahead = min(end, AHEAD, 1.0 / fastest)
     growth, bend, until = np.ones(size), np.empty(size), np.zeros(count)
     growth[:m] = np.maximum(1.0, np.exp(eigenvalues.real * ahead))
-    magnitudes, w = np.abs(factors), np.empty((4, size), dtype=np.complex128)
+    magnitudes, w = np.abs(factors), np.empty((5, size), dtype=np.complex128)
     waves_at(eigenvalues, start, 0.0, w[0])
-    for order in range(3):
+    for order in range(4):
         _differentiate(eigenvalues, start, w[order], w[order + 1])
     for i in range(count):
         order = orders[i]
@@ -195,7 +198,10 @@ def observe(
         if wanted(scene, i, step):
             _read(motion, (i + 0.5) * step - origin, w, out[:SIGNALS])
             write(scene, contact, i, step, (out[V_B], out[N_], out[T_], out[SPEED]), samples, rows)
-    finest, longest = 0.25 / np.abs(eigenvalues).max(), 2.5 / np.abs(eigenvalues.imag).max()
+    fastest = oscillates = 1e-300
+    for k in range(len(eigenvalues)):
+        fastest, oscillates = max(fastest, np.abs(eigenvalues[k])), max(oscillates, np.abs(eigenvalues[k].imag))
+    finest, longest = 0.25 / fastest, 2.5 / oscillates
     s, end = now - origin, end - origin
     while s < end:
         h = min(longest, s + finest, end - s)

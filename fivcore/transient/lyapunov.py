@@ -7,7 +7,7 @@ logarithms per time (G. Benettin, L. Galgani, A. Giorgilli, J.-M. Strelcyn, Mecc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from inspect import signature
 from typing import Any
 
@@ -51,7 +51,7 @@ def lyapunov_exponent(
     settle: float | None = None,
     initial: State | tuple[Any, Any, int] | None = None,
     numerical_damping: str | None = None,
-    ramp: float = 1e-3,
+    ramp: float | None = None,
     cutoff: float | None = None,
     step: float | None = None,
 ) -> LyapunovExponent:
@@ -82,10 +82,12 @@ def lyapunov_exponent(
     arguments.apply_defaults()
     checks.between("duration", duration, *BOUNDS["duration"])
     try:
-        _, normalised, options = request(arguments.arguments.pop("scene"), arguments.arguments)
+        given = arguments.arguments
+        _, normalised, options = request(given.pop("scene"), given)
         if step is None:
             usual = reduced_model(normalised.rig, normalised.theta, options.cutoff).default_step
-            options = replace(options, step=SHARE * usual)
+            # Asked again, for a run of another step is not continued.
+            _, normalised, options = request(scene, given | {"step": SHARE * usual})
         job = Job(scene, normalised, options)
         run, unit = job.run, scene.rig.time_unit
         if not run.model.K.any():

@@ -17,7 +17,6 @@ from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array
 from fivcore.rig import Scene, Structural
-from fivcore.structure import Structure
 
 
 @dataclass(frozen=True)
@@ -41,9 +40,7 @@ class Normalised:
     @classmethod
     def of(cls, scene: Scene) -> Normalised:
         """The normalised form of a scene."""
-        rig, load = scene.rig, scene.F * scene.rig.preload
-        if isinstance(rig, Structure) and scene.V < 0.0:
-            rig = rig.mirrored()
+        rig, load = scene.rig if scene.V > 0.0 else scene.rig.mirrored(), scene.F * scene.rig.preload
         sense = 1.0 if scene.V > 0 else -1.0
         speed = float(f"{abs(scene.V) / load:.11e}")
         return cls(rig, scene.drive_theta, speed, scene.mu, load, sense, scene.friction.normalised(load))

@@ -65,7 +65,10 @@ _hann = lru_cache(WINDOW)(np.hanning)
 
 
 class Record:
-    """Named series of a run in its scene's units: at the rows, or linear between them at `times` or a `rate`."""
+    """Named series of a run in its scene's units: at the rows, or linear between them at `times` or a `rate`.
+
+    The rows may follow the `last` (1, 6) of a run that they continue.
+    """
 
     def __init__(
         self,
@@ -74,21 +77,22 @@ class Record:
         times: Array | None = None,
         rate: float | None = None,
         start: float = 0.0,
+        last: Array | None = None,
     ) -> None:
         factors = {"normal_force": normalised.load, "state": 1.0}
         self._factors = {name: factors.get(name, normalised.load * normalised.sense) for name in names}
         self._parts: dict[str, list[NDArray[Any]]] = {name: [] for name in ("time", *names)}
-        self._times, self._rate, self._last = times, rate, np.empty((0, 1 + len(SERIES)))
+        self._times, self._rate = times, rate
+        self.last = np.empty((0, 1 + len(SERIES))) if last is None else last
         self._taken = int(np.ceil(start * (rate or 0.0) * (1.0 - 1e-12)))
 
     def add(self, rows: Array) -> None:
         """Take the next rows of `Segment.rows`."""
+        before, self.last = self.last, rows[-1:].copy() if len(rows) else self.last
         if self._times is None and self._rate is None:
             self._keep(rows)
         elif len(rows):
-            rows = np.concatenate([self._last, rows])
-            self._last = rows[-1:].copy()
-            self._keep(rows, self._due(rows[-1, 0]))
+            self._keep(np.concatenate([before, rows]), self._due(rows[-1, 0]))
 
     def _due(self, until: float) -> Array:
         """Times up to `until`, s, at which series have not been kept yet."""
@@ -114,10 +118,10 @@ class Record:
     def whole(self, end: float) -> dict[str, Any]:
         """Each series of a run that ended at `end`, s, in one piece; nothing where nothing was recorded."""
         if self._times is not None:
-            self._keep(self._last, self._times)
+            self._keep(self.last, self._times)
         elif self._rate is not None:
             t = self._due(end)
-            self._keep(self._last, t[t < end * (1.0 - 1e-12)])
+            self._keep(self.last, t[t < end * (1.0 - 1e-12)])
         # Each is removed before the next is joined, so that only one at a time has two copies in memory.
         return {name: np.concatenate(parts) for name in [*self._parts] if (parts := self._parts.pop(name))}
 
@@ -173,24 +177,31 @@ class Welch:
             self._power.add(samples, HOP, _hann(length))
 
     def peak(self) -> float:
-        """Frequency of the largest peak within the band, Hz, by a parabola through its logarithm."""
-        power, frequency = self.power, self.frequency[1:-1]
-        # Not the foot of something below or above the band.
-        peaks = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
-        peaks &= (frequency >= self._band[0]) & (frequency <= self._band[1])
-        if not peaks.any():
-            return float("nan")
-        top = 1 + int(np.argmax(np.where(peaks, power[1:-1], -1.0)))
-        below, at, above = np.log(np.maximum(power[top - 1 : top + 2], 1e-300))
-        bend = below - 2.0 * at + above
-        offset = 0.5 * (below - above) / bend if bend < 0.0 else 0.0
-        return float(self.frequency[top] + offset * self.frequency[1])
+        """Frequency of the largest peak within the band, Hz."""
+        return peak_of(self.frequency, self.power, self._band)
+
+
+def peak_of(frequency: NDArray[Any], power: NDArray[Any], band: tuple[float, float]) -> float:
+    """Frequency of the largest peak of a spectrum within a band, by a parabola through its logarithm; or NaN."""
+    inner = frequency[1:-1]
+    # Not the foot of something below or above the band.
+    peaks = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
+    peaks &= (inner >= band[0]) & (inner <= band[1])
+    if not peaks.any():
+        return float("nan")
+    top = 1 + int(np.argmax(np.where(peaks, power[1:-1], -1.0)))
+    below, at, above = np.log(np.maximum(power[top - 1 : top + 2], 1e-300))
+    bend = below - 2.0 * at + above
+    offset = 0.5 * (below - above) / bend if bend < 0.0 else 0.0
+    return float(frequency[top] + offset * frequency[1])
 
 
 class Correlation:
-    """Autocorrelation up to a sixth of a second."""
+    """Autocorrelation up to a sixth of a second, and spectrum, of the whole signal."""
 
-    def __init__(self) -> None:
+    def __init__(self, rate: float, unit: float = 1.0) -> None:
+        self._frequency = np.fft.rfftfreq(PADDED, 1.0 / rate)
+        self._band = BAND[0] / unit, BAND[1] / unit
         self._power = Power(PADDED, LONG_WINDOWS)
         # Number of windows of each length.
         self._windows: Counter[int] = Counter()
@@ -216,12 +227,25 @@ class Correlation:
         self._power.add(samples, length, np.ones(length))
         self._windows[length] += len(samples) // length
 
-    def near(self, lag: float, around: float) -> float:
-        """Largest autocorrelation within `around` of `lag`, both in samples; NaN beyond the record."""
+    def _longest(self) -> int:
+        """Length of the longest window; of a record without a whole one that of the remainder."""
         longest = max(+self._windows, default=0)
         if not longest and len(self._remainder) > 1:
             self._enter(self._remainder, len(self._remainder))
             longest = len(self._remainder)
+        return longest
+
+    def peak(self) -> float:
+        """Frequency of the largest peak of the whole signal within the band, Hz, as resolved as by `Welch`."""
+        if not self._longest():
+            return float("nan")
+        width = 2 * (PADDED // WINDOW) + 1
+        smooth = np.convolve(self._power.sum, _hann(width), "same")
+        return peak_of(self._frequency, smooth, self._band)
+
+    def near(self, lag: float, around: float) -> float:
+        """Largest autocorrelation within `around` of `lag`, both in samples; NaN beyond the record."""
+        longest = self._longest()
         product = irfft(self._power.sum, PADDED)
         if not (lag + around < 0.5 * longest and product[0] > 0.0):
             return float("nan")
@@ -369,7 +393,7 @@ class Observer:
         self._settled_from = settled_from
         self.moving, self.stuck, self.correlation = (
             *(Welch(self.rate, self._unit) for _ in range(2)),
-            Correlation(),
+            Correlation(self.rate, self._unit),
         )
         self.speeds, self.forces = Largest(), Largest()
         # Start and counters of all blocks that have begun; columns from VELOCITY on of those that are complete.

@@ -11,7 +11,7 @@ from fivcore import checks
 from fivcore.contact.reduced import INTERVAL, Modify
 from fivcore.errors import InputError
 from fivcore.jit import Array
-from fivcore.rig import Scene
+from fivcore.rig import Rig, Scene
 from fivcore.structure import structure_of
 from fivcore.transient.normalised import Normalised, State, loading_time
 from fivcore.transient.statistics import SERIES, SETTLING, STICK, begin
@@ -24,8 +24,8 @@ BOUNDS = {
     "cutoff": (1.0, 1e12, "Hz"),
     "sample_rate": (1e-3, 1e9, "Hz"),
 }
-# Default rate of series, Hz, in units of a structure's time.
-RATE = 100e3
+# Default rate of series, Hz, in units of a structure's time, and default ramp, s.
+RATE, RAMP = 100e3, 1e-3
 # Shortest long stick, in loading times.
 LONG_STICK = 0.2
 
@@ -72,7 +72,7 @@ class Options:
     duration: float
     method: str = "fast"
     numerical_damping: str = "none"
-    ramp: float = 1e-3
+    ramp: float = RAMP
     settle: float | None = None
     initial: State | None = None
     cutoff: float | None = None
@@ -118,14 +118,17 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
     options = dict(arguments)
     if isinstance(options["duration"], Until):
         options |= {"until": options["duration"], "duration": options["duration"].most}
+    if default_rate := isinstance(options["sample_rate"], str) and options["sample_rate"] == "default":
+        options["sample_rate"] = None
     for name, limits in BOUNDS.items():
         if name == "duration" or options[name] is not None:
             options[name] = checks.between(name, options[name], *limits)
-    if options["sample_rate"] == RATE:
+    if default_rate:
         options["sample_rate"] = RATE / scene.rig.time_unit
     duration, rate, times = options["duration"], options["sample_rate"], options["sample_times"]
     allowed = "0 or a time from 1e-9 to 1000 s"
-    ramp = checks.number("ramp", options["ramp"], allowed, lambda x: x == 0.0 or 1e-9 <= x <= 1e3)
+    given = options["ramp"]
+    ramp = RAMP if given is None else checks.number("ramp", given, allowed, lambda x: x == 0.0 or 1e-9 <= x <= 1e3)
     options |= law_options(options)
     record = _names(options["record"])
     for name in ("end_early", "leap"):
@@ -136,8 +139,12 @@ def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any])
     options |= {"ramp": ramp, "record": record, "skip": options.pop("leap")}
     if (initial := options["initial"]) is not None:
         run = _continued(initial, normalised, options)
-        options |= {"resumed": run, "ramp": options["ramp"] if run is None else run.options.ramp}
-        options["initial"] = _state(initial, scene, normalised)
+        state = _state(initial, scene, normalised)
+        started = run.options.ramp if run is not None else 0.0 if state.running else ramp
+        if given is not None and ramp != started and (ramp > 0.0 or not state.running):
+            text = "the drive of the initial state has started already; leave it out"
+            raise InputError(f"ramp = {ramp:g}: {text}")
+        options |= {"resumed": run, "ramp": started, "initial": state}
     if times is not None:
         start = 0.0 if options.get("resumed") is None else initial.time
         options["sample_times"] = _times(times, record, start, duration)
@@ -217,6 +224,11 @@ def _times(sample_times: Any, names: tuple[str, ...], start: float, duration: fl
     return times
 
 
+def seen(scene: Normalised) -> Any:
+    """What mirrored scenes of one motion share: the inclination as the drive sees it, or the structure."""
+    return scene.theta if isinstance(scene.rig, Rig) else scene.rig
+
+
 def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
     """The given state, normalised."""
     try:
@@ -225,11 +237,12 @@ def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
         q, v = np.asarray(q), np.asarray(v)
     except (TypeError, ValueError):
         raise InputError("initial: it must be modal displacements, modal velocities and a contact state") from None
-    own = structure_of(scene.rig, scene.theta)
+    band = structure_of(scene.rig, scene.theta)
+    own, fewer = band.motion, len(band.frequency)
     modes = len(own.frequency)
     for name, part in (("displacements", q), ("velocities", v)):
         if (
-            part.shape not in {(modes,), (modes + own.static,)}
+            part.shape not in {(modes,), (modes + own.static,), (fewer,)}
             or part.dtype.kind not in "iuf"
             or not np.all(np.abs(part) < 1e50)
         ):
@@ -237,8 +250,14 @@ def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
             raise InputError(text)
     if not isinstance(contact, (int, np.integer)) or isinstance(contact, bool) or contact not in (0, 1, 2):
         raise InputError(f"initial: contact state {contact!r}: it must be 0 (separation), 1 (stick) or 2 (slip)")
-    if normalised.sense < 0 and given.origin is None:
+    before = None if given.origin is None else given.origin[0]
+    if normalised.sense < 0 and before is None:
         raise InputError("initial: with V < 0 give the mirrored scene (scene.mirrored()) and its state")
+    if before is not None and before.sense != normalised.sense and seen(before) != seen(normalised):
+        raise InputError(
+            "initial: it is the end of a run with the other sign of V, whose modes are those of the mirrored scene"
+            " (scene.mirrored()); give a state of this scene"
+        )
     q, v = (part.astype(float) / normalised.load for part in (q, v))
     q, v = (np.pad(part, (0, modes + own.static - len(part))) for part in (q, v))
     return State(q, v, int(contact), given.running)

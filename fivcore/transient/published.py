@@ -70,7 +70,9 @@ def with_numerical_damping(rig: Structural, method: str, numerical_damping: str)
 
 def default_step(rig: Structural) -> float:
     """The paper's step, s; of a structure, the same share of the period of its highest mode."""
-    return STEP if isinstance(rig, Rig) else SHARE / float(2.0 * np.pi * structure_of(rig, 0.0).frequency[-1])
+    return (
+        STEP if isinstance(rig, Rig) else SHARE / float(2.0 * np.pi * structure_of(rig, 0.0).motion.frequency[-1])
+    )
 
 
 def largest_step(stiffness: Array, damping: Array, beta2: float) -> float:
@@ -97,7 +99,7 @@ class PaperRun(SteppedRun):
         limit = largest_step(model.stiffness, model.damping, b)
         if dt > limit:
             raise SceneValueError(
-                f"step = {dt:g}: with this rig the published scheme needs at most {at_most(limit)} s; else"
+                f"step = {dt:g}: with these modes the published scheme needs at most {at_most(limit)} s; else"
                 " its fastest mode grows"
             )
         painleve = painleve_mu(model, dt, b, TAU / STEP * usual)

@@ -22,9 +22,11 @@ from fivcore.errors import (
     fixed_contact,
     out_of_band,
 )
+from fivcore.jit import Array
 from fivcore.rig import Rig, Scene, Structural, checked_theta
 from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
+from fivcore.transient.fast.steady import eigenvalues, growing
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import Options, Until, law_options, options_for
 
@@ -35,14 +37,14 @@ def simulate(
     method: str = "fast",
     *,
     numerical_damping: str | None = None,
-    ramp: float = 1e-3,
+    ramp: float | None = None,
     settle: float | None = None,
     initial: State | tuple[Any, Any, int] | None = None,
     cutoff: float | None = None,
     step: float | None = None,
     min_stick: float | None = None,
     record: bool | Sequence[str] = False,
-    sample_rate: float | None = 100e3,
+    sample_rate: float | str | None = "default",
     sample_times: Any = None,
     end_early: bool = True,
     leap: bool = True,
@@ -57,17 +59,20 @@ def simulate(
     duration : float or Until
         Simulated time, s, or what ends the run.
     method : {"fast", "exact", "paper"}
-        Symmetric steps of second order of the reduced model; the same model driven from event to event, hundreds
-        of times slower; the published scheme (Newmark with the friction law of Prakash and Clifton) on all modes.
+        Symmetric steps of second order of the reduced model; the same model driven from event to event, 750 times
+        slower for the paper's rig and 3,000 to 9,000 times where friction falls with the speed; the published
+        scheme (Newmark with the friction law of Prakash and Clifton) on all modes.
     numerical_damping : {"published", "none"}, optional
         "published": with the stiffness damping that the published scheme adds of its own, (beta2 - 1/2) times its
-        step of 2e-8 s: "fast" and "exact" add it to the rig's d2. "none": the model as given; for "paper" beta2 =
-        0.5. Default: "published" for "paper", "none" for the others.
-    ramp : float
+        step of 2e-8 s, of a structure its default step: "fast" and "exact" add it to the rig's d2. "none": the
+        model as given; for "paper" beta2 = 0.5. Default: "published" for "paper", "none" for the others.
+    ramp : float, optional
         Time in which the clamp of P2 is uniformly accelerated to its velocity, s. "fast" takes a ramp shorter than
-        a step as none, "exact" one below 1e-7 s; the drive that decides on "undecided" includes it.
+        a step as none, "exact" one below 1e-7 s (times `time_scale`); the drive that decides on "undecided"
+        includes it. Default: 1 ms; none where the drive runs already, beside which a ramp is an error.
     settle : float, optional
-        Start of the statistics, s since the drive started. Default: 0.1 s after the first slip; 0 without slip.
+        Start of the statistics, s since the drive started. Default: 0.1 s after the first slip, of a structure
+        0.1 s times `summary["time_scale"]`; 0 without slip.
     initial : State or tuple, optional
         Displacements and velocities of all modes, contact state; its drive starts or runs already (`State`).
         Default: at rest under the load, T = 0, stuck. The `final_state` of a run of the same scene, method and
@@ -77,10 +82,12 @@ def simulate(
         the contact state.
     cutoff : float, optional
         Highest frequency of a mode, Hz; not for "paper", which keeps all. Default: 94 kHz for the paper's rig
-        (`contact.reduced.default_cutoff`), with more for the onset (`transient.fast.onset`).
+        (`contact.reduced.default_cutoff`), with more for the onset (`transient.fast.onset`). A structure from
+        matrices keeps the modes that take part in impacts, whatever its `fmax`; one from modes keeps all.
     step : float, optional
-        Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1.7e-6 with the default rig);
-        for "exact" only the grid on which statistics are taken, 1e-6.
+        Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1.8e-6 with the default rig; of
+        a structure in rigid contact also at most a hundredth of the duration, `transient.fast.run.default_step`);
+        for "exact" only the grid on which statistics are taken, 1e-6 times `time_scale`.
     min_stick : float, optional
         Shortest long stick, s. Default: a fifth of the time in which the drive at V loads a stuck contact until it
         slips, statically: it depends on the scene alone, not on the start of the run.
@@ -89,8 +96,9 @@ def simulate(
     sample_rate : float, optional
         Sampling rate of the series, Hz: at the times k / sample_rate, linear between two steps, with the state of
         the step before. Where a whole number of steps fits between two samples, as with the default, they are
-        every so many steps without interpolation, at those steps' own times. None: every step. The default of a
-        structure is in units of its time.
+        every so many steps without interpolation, at those steps' own times. None: every step. Where a run goes
+        on, they are linear from the last step before, if that run was recorded at such a rate. Default: 100 kHz,
+        of a structure divided by `time_scale`.
     sample_times : array_like, (n,), optional
         Ascending times of the series instead, s: linear between two steps of the method, with the state of the
         step before; beyond the first and the last step their values.
@@ -126,7 +134,7 @@ def simulate(
         Where V times the duration exceeds 2 % of P2's length, along which the contact point does not move.
     OutOfBandWarning
         Where sliding is unstable only above 10 kHz, the default band of `fivcore.flutter_onsets` (for "fast" with
-        the default cut-off).
+        the default cut-off, from rest).
     """
     arguments = dict(locals())
     (result,) = simulate_many([arguments.pop("scene")], **arguments)
@@ -186,6 +194,41 @@ def request(scene: Scene, arguments: dict[str, Any]) -> tuple[Scene, Normalised,
     checked = options_for(scene, normalised, arguments)
     rig = published.with_numerical_damping(normalised.rig, checked.method, checked.numerical_damping)
     return scene, replace(normalised, rig=rig), checked
+
+
+def growing_frequencies(
+    scene: Scene, *, cutoff: float | None = None, numerical_damping: str | None = None
+) -> Array:
+    """Frequencies of growing motions about steady sliding in the reduced model by which `simulate` moves.
+
+    Its modes reach far above the band in which stability is usually asked (`sliding_modes`): what grows only there
+    drives the motion, too.
+
+    Parameters
+    ----------
+    scene : Scene
+    cutoff, numerical_damping
+        As in `simulate` with method "fast".
+
+    Returns
+    -------
+    ndarray, (n,)
+        Hz, ascending; 0 for a motion that grows without oscillation.
+
+    Raises
+    ------
+    ValueError, ContactError
+        For a bad argument; where the contact force is not unique.
+    """
+    arguments = {each.name: each.default for each in signature(simulate).parameters.values()}
+    arguments |= {"duration": 1.0, "cutoff": cutoff, "numerical_damping": numerical_damping}
+    del arguments["scene"]
+    _, scaled, options = request(scene, arguments)
+    model = reduced_model(scaled.rig, scaled.theta, options.cutoff)
+    law, speed = scaled.friction, scaled.speed_per_load
+    return growing(
+        eigenvalues(model, scaled.mu * law.ratio(speed), model.default_step, -scaled.mu * law.slope(speed))
+    )
 
 
 def painleve_mu(

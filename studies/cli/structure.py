@@ -60,7 +60,7 @@ def structure(file: str, out: str | None, fmax: str, mu: float) -> None:
         mmwrite(name, (upper + triu(upper, 1).T)[free][:, free])
     np.savetxt("rows.txt", rows[free] + [0, 1], "%d")
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from fivcore import Structure, checks, flutter_onsets
+    from fivcore import Structure, checks, flutter_onsets, painleve_mu
     from studies import spec
     from studies.plotting import figures, receptances
     from studies.request import structure_of
@@ -77,6 +77,8 @@ def structure(file: str, out: str | None, fmax: str, mu: float) -> None:
         show("\n".join(_onsets(onsets, band, mu)))
     except ArithmeticError as problem:
         show(f"flutter onsets: they could not be computed: {problem}")
+    if (limit := painleve_mu(own, 0.0)) <= mu:
+        show(f"the contact force is not unique from mu = {limit:.5g} on (Painlevé's paradox)")
     show("\n".join(hints(own)), end="\n" if any(hints(own)) else "")
     target = results_folder(out) / "structure" / f"{Path(file).stem}.png"
     with figures.style(), written(target) as temporary:
@@ -85,8 +87,10 @@ def structure(file: str, out: str | None, fmax: str, mu: float) -> None:
 
 
 def described(own: Structure) -> Iterator[str]:
-    """Its modes, what the contact moves, preload and rigid motions, as lines."""
+    """Its modes, what the contact moves, preload, rigid motions, and damping with the contact tied, as lines."""
     import numpy as np
+
+    from fivcore import InputError
 
     yield f"{own!r}\ndigest {own.digest}\n"
     damping = own.damping[: len(own.frequency)]
@@ -99,7 +103,11 @@ def described(own: Structure) -> Iterator[str]:
     if len(rows) > MOST:
         yield f"and {len(rows) - MOST} more, up to {own.frequency[-1]:.6g} Hz"
     rigid = int(np.count_nonzero(own.stiffness == 0.0))
-    found: dict[str, Any] = {"preload (normal force at rest for a unit load)": f"{own.preload:.6g}"}
+    try:
+        preload = f"{own.preload:.6g}"
+    except InputError:
+        preload = "none"
+    found: dict[str, Any] = {"preload (normal force at rest for a unit load)": preload}
     for name, row in (("normal", own.normal), ("tangential", own.tangential)):
         elastic = own.stiffness > 0.0
         compliance = float(np.sum(row[elastic] ** 2 / own.stiffness[elastic]))
@@ -109,6 +117,9 @@ def described(own: Structure) -> Iterator[str]:
     found["damping"] = "by mode" if own.rayleigh is None else f"d1 = {own.d1:g} 1/s, d2 = {own.d2:g} s"
     found["drive"] = "the base moves" if own.inertia.any() else "a rigid surface slides past"
     yield "\n" + columns([(name, str(value)) for name, value in found.items()])
+    both = enumerate(zip(*own.tied_damping, strict=True), 1)
+    tied = [(f"{k}", f"{hertz:.6g}", f"{ratio:.4g}") for k, (hertz, ratio) in both]
+    yield "\n" + columns([("tied mode", "frequency Hz", "damping ratio"), *tied[:MOST]]) if tied else ""
     yield from (f"remark: {remark}" for remark in own.remarks)
     if own.static:
         yield f"remark: modes above {own.frequency[-1]:.6g} Hz act by their static compliance"
@@ -120,9 +131,15 @@ def effective_mass(own: Structure, row: Any) -> float:
 
 
 def _onsets(onsets: FlutterOnsets, fmax: float, mu: float) -> Iterator[str]:
-    rows = [(f"{a:.5g}", f"{b:.6g}") for a, b in zip(onsets.mu, onsets.frequency, strict=True)]
-    yield f"\n{'flutter onsets' if rows else 'no flutter onset'} up to mu = {mu:g}, below {fmax:g} Hz"
-    yield columns([("mu", "Hz"), *rows]) if rows else ""
+    """Where modes begin to grow and where they recover, ascending in mu, and where the contact jams."""
+    crossings = [(a, b, "onset") for a, b in zip(onsets.mu, onsets.frequency, strict=True)]
+    crossings += [(a, b, "recovery") for a, b in zip(onsets.recovery_mu, onsets.recovery_frequency, strict=True)]
+    crossings += [(each, fmax, "a growing pair enters the band") for each in onsets.entry_mu]
+    rows = [(f"{a:.5g}", f"{b:.6g}", text) for a, b, text in sorted(crossings)]
+    yield f"\n{'flutter' if rows else 'no flutter onset'} up to mu = {mu:g}, below {fmax:g} Hz"
+    yield columns([("mu", "Hz", ""), *rows]) if rows else ""
+    if onsets.divergence_mu <= mu:
+        yield f"jams: growth without oscillation from mu = {onsets.divergence_mu:.5g} on"
 
 
 def hints(own: Structure) -> Iterator[str]:

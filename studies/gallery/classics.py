@@ -14,7 +14,6 @@ from scipy.optimize import brentq
 from fivcore import Friction, Scene, State, Structure, simulate, sliding_onsets
 from fivcore.friction import COULOMB
 from fivcore.stability.assembled import assembled_modes, assembled_onsets
-from fivcore.transient.exact import PENALTY
 from fivcore.transient.exact_run import states_at
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
@@ -71,8 +70,7 @@ def moved(
 ) -> Any:
     """Positions of 1 kg on a spring by 'exact' and, with two steps, 'fast'; its velocity; `scene` is V, mu, N."""
     (V, mu, N), last, block = scene, float(times[-1]), block_of(omega)
-    # In the contact of 'exact' the load sinks in by so much.
-    own, q, rate = Scene(V, 0.0, mu, N, block, law), np.array([-N / (PENALTY * omega**2), x]), np.array([0.0, v])
+    own, q, rate = Scene(V, 0.0, mu, N, block, law), np.array([0.0, x]), np.array([0.0, v])
     exact = partial(states_at, Normalised.of(own), ramp=0.0, initial=State(q / N, rate / N, contact))
     fast = partial(simulate, own, last, ramp=0.0, initial=State(q, rate, contact), record=True, sample_rate=None)
     # Velocities in the middle of the steps.

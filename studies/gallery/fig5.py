@@ -1,4 +1,4 @@
-"""Fig. 5: frequencies of the first ten modes of steady sliding against the coefficient of friction."""
+"""Fig. 5: frequencies of the modes of steady sliding below 10 kHz against the coefficient of friction."""
 
 from __future__ import annotations
 
@@ -8,12 +8,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from fivcore import Rig, flutter_onsets, sliding_modes
+from fivcore import Rig, Structure, flutter_onsets, sliding_modes
 from studies import paper, summary
 from studies.claims import Claim, is_papers_point, rig_text
 from studies.motion.run import BAND
 from studies.plotting import figures
-from studies.plotting.modes import STABLE, UNSTABLE, mark_onsets, name_growing
+from studies.plotting.modes import (
+    STABLE,
+    UNSTABLE,
+    mark_divergence,
+    mark_onsets,
+    mark_recoveries,
+    name_growing,
+)
 from studies.results import rig_of
 from studies.spec import evenly
 from studies.study import Parameter, Study
@@ -22,7 +29,10 @@ from sweeps import Axis
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MODES = 10
+# A file has room for at least so many modes that enter the band as friction rises, and for as many by which rigs
+# of one file differ.
+ROOM = 10
+KINDS = {"onset": "flutter onset", "recovery": "recovery"}
 OUTPUTS = {
     "frequency": ("Hz", "frequency of the sliding mode", "mode"),
     "growth_rate": ("s-1", "growth rate of the sliding mode", "mode"),
@@ -35,40 +45,57 @@ CLAIMS = tuple(
 )
 
 
+def coords(rig: Rig | Structure) -> dict[str, Axis]:
+    """The numbers of the modes."""
+    count = sliding_modes(rig, 0.0, 0.0, BAND).frequency.size
+    return {"mode": Axis(np.arange(1, ROOM * (count // ROOM + 2) + 1), "1", "mode, ascending in frequency")}
+
+
 def modes(rig: Rig, theta: float, mu: np.ndarray) -> dict[str, np.ndarray]:
-    """Frequency and growth rate of the first modes of steady sliding below 10 kHz."""
+    """Frequency and growth rate of all modes of steady sliding below 10 kHz."""
     modes = sliding_modes(rig, theta, mu, BAND)
-    return {"frequency": modes.frequency[..., :MODES], "growth_rate": modes.growth_rate[..., :MODES]}
+    return {"frequency": modes.frequency, "growth_rate": modes.growth_rate}
 
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:
-    """Add the flutter onsets within the range of mu, computed as roots and not on the grid."""
-    largest = float(dataset["mu"].max())
-    onsets = flutter_onsets(rig_of(dataset), float(dataset["theta"]), BAND, largest) if largest else None
-    mu, frequency = (onsets.mu, onsets.frequency) if onsets else np.empty((2, 0))
-    return dataset.assign(
-        onset_mu=("onset", mu, {"units": "1", "long_name": "coefficient of friction at the flutter onset"}),
-        onset_frequency=("onset", frequency, {"units": "Hz", "long_name": "frequency at the flutter onset"}),
-    )
+    """Add onsets, recoveries and divergence within the range of mu, computed as roots and not on the grid."""
+    largest = max(float(dataset["mu"].max()), 1e-12)  # without friction nothing grows
+    found = flutter_onsets(rig_of(dataset), float(dataset["theta"]), BAND, largest)
+    crossings = (found.mu, found.frequency), (found.recovery_mu, found.recovery_frequency)
+    for (kind, name), (mu, frequency) in zip(KINDS.items(), crossings, strict=True):
+        dataset[f"{kind}_mu"] = kind, mu, {"units": "1", "long_name": f"coefficient of friction at the {name}"}
+        dataset[f"{kind}_frequency"] = kind, frequency, {"units": "Hz", "long_name": f"frequency at the {name}"}
+    text = "coefficient of friction from which a mode grows without oscillation (divergence)"
+    return dataset.assign(divergence_mu=((), found.divergence_mu, {"units": "1", "long_name": text}))
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """The onsets, and the unstable modes at the paper's friction."""
+    """Onsets, recoveries and divergence, and the unstable modes at the paper's friction."""
     ends = f"{float(dataset['mu'].min()):g} to {float(dataset['mu'].max()):g}"
-    if not dataset.sizes["onset"]:
+    count, diverges = dataset.sizes["onset"], float(dataset["divergence_mu"])
+    grows = (dataset["growth_rate"] > 0.0).any("mode").values
+    if count:
+        first = float(dataset["onset_mu"][0]), float(dataset["onset_frequency"][0])
+        yield (
+            f"Steady sliding flutters from mu = {first[0]:.4f} on, at {first[1]:.0f} Hz; "
+            f"{count} onset{'s' * (count > 1)} for mu from {ends}, modes below {BAND / 1e3:g} kHz."
+        )
+    elif not grows.any():
         yield f"Steady sliding is stable for mu from {ends}, modes below {BAND / 1e3:g} kHz."
-        return
-    first, count = (float(dataset["onset_mu"][0]), float(dataset["onset_frequency"][0])), dataset.sizes["onset"]
-    yield (
-        f"Steady sliding flutters from mu = {first[0]:.4f} on, at {first[1]:.0f} Hz; "
-        f"{count} onset{'s' * (count > 1)} for mu from {ends}, modes below {BAND / 1e3:g} kHz."
-    )
-    yield "Flutter onsets", summary.frame(dataset, ["onset_mu", "onset_frequency"])
-    near = dataset.sel(mu=paper.MU, method="nearest")
-    unstable = near.isel(mode=np.flatnonzero(near["growth_rate"] > 0.0))
-    if unstable.sizes["mode"]:
-        caption = f"Unstable modes at mu = {float(near['mu']):g}"
-        yield caption, summary.frame(unstable, ["mode", "frequency", "growth_rate"])
+    elif np.isnan(diverges):
+        yield f"No flutter onset for mu from {ends}, though modes below {BAND / 1e3:g} kHz grow."
+    if np.isfinite(diverges):
+        yield f"The contact jams: a mode grows without oscillation from mu = {diverges:.4f} on."
+    for kind, caption in {"onset": "Flutter onsets", "recovery": "Recoveries"}.items():
+        if dataset.sizes[kind]:
+            yield caption, summary.frame(dataset, [f"{kind}_mu", f"{kind}_frequency"])
+    # At the paper's friction, and at the largest at which any grows.
+    papers = int(np.abs(dataset["mu"].values - paper.MU).argmin())
+    for k in dict.fromkeys([papers, *np.flatnonzero(grows)[-1:].tolist()]):
+        unstable = dataset.isel(mu=k, mode=np.flatnonzero(dataset["growth_rate"][k] > 0.0))
+        if unstable.sizes["mode"]:
+            caption = f"Unstable modes at mu = {float(unstable['mu']):g}"
+            yield caption, summary.frame(unstable, ["mode", "frequency", "growth_rate"])
 
 
 def draw(dataset: xr.Dataset) -> Figure:
@@ -85,6 +112,8 @@ def draw(dataset: xr.Dataset) -> Figure:
     top.plot([], [], **STABLE)
     top.set(ylim=(0.0, min(BAND / 1e3, max(0.1, 1.3 * float(frequency.max())))), ylabel="frequency / kHz")
     mark_onsets(top, dataset["onset_mu"].values, dataset["onset_frequency"].values, 1e3)
+    mark_recoveries(top, dataset["recovery_mu"].values, 1e-3 * dataset["recovery_frequency"].values)
+    mark_divergence((top, bottom), float(dataset["divergence_mu"]))
     papers = is_papers_point(dataset, theta=paper.THETA)
     claimed = np.array([onset for onset in paper.ONSETS if papers and onset[0] <= mu.max()]).reshape(-1, 2).T
     if claimed.size:
@@ -107,7 +136,7 @@ STUDY = Study(
     parameters={"mu": Parameter(evenly(0.0, 0.5, 501), "1", "coefficient of friction")},
     outputs=OUTPUTS,
     function=modes,
-    coords={"mode": Axis(np.arange(1, MODES + 1), "1", "mode, ascending in frequency")},
+    coords=coords,
     derive=derive,
     summary=summarise,
     figure=draw,

@@ -11,7 +11,17 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore import Friction, Rig, Scene, Structure, checks, glued_frequencies, lyapunov_exponent, painleve_mu
+from fivcore import (
+    Friction,
+    Rig,
+    Scene,
+    Structure,
+    checks,
+    flutter_onsets,
+    glued_frequencies,
+    lyapunov_exponent,
+    painleve_mu,
+)
 from fivcore.errors import SceneError
 from studies import labels, paper, spec, summary, uncertainty
 from studies.gallery import knock
@@ -22,7 +32,7 @@ from studies.plotting import figures, planes
 from studies.refinement import report
 from studies.request import Request, assignment, structure_of
 from studies.results import MAPS, configuration, results_folder, settings, structure_in
-from studies.stability import first_growth, growths
+from studies.stability import first_of, growths
 from studies.study import Study
 from sweeps import FAILED, InputError, Plan, Refinement, Variable, check_counts, refined
 
@@ -39,6 +49,10 @@ GROWTH = {
     "unstable_modes": Variable("1", "number of unstable modes", (), "int8"),
 }
 ONSET = {"onset_mu": ("1", "lowest onset mu"), "onset_frequency": ("Hz", "frequency at the lowest onset")}
+ONSET |= {
+    "recovery_mu": ("1", "lowest mu at which a pair recovers"),
+    "divergence_mu": ("1", "mu from which the contact jams"),
+}
 GLUED = {f"glued_frequency_{k}": ("Hz", f"natural frequency {k}, glued") for k in range(1, 9)}
 MOTION = {n: replace(v, long_name=v.long_name.split(",")[0]) for n, v in ensemble.outputs().items() if not v.dims}
 CHAOS = {"lyapunov_exponent": ("s-1", "largest Lyapunov exponent of the motion")}
@@ -53,12 +67,12 @@ def growth(rig: Rig, theta: Any, mu: Any, **sliding: Any) -> dict[str, Any]:
 
 
 def onset(rig: Rig, theta: Any, **sliding: Any) -> dict[str, Any]:
-    """The lowest onset of flutter; NaN without one."""
-    columns = np.broadcast_arrays(np.atleast_1d(theta), *(sliding[name] for name in SLIDING))
-    found = [
-        first_growth(rig, angle, run.BAND, MU_MAX, friction=Friction(*law), V=V, F=F)
-        for angle, V, F, *law in zip(*(column.tolist() for column in columns), strict=True)
-    ]
+    """The lowest onset of flutter, the lowest recovery, and divergence; NaN without one."""
+    columns, found = np.broadcast_arrays(np.atleast_1d(theta), *(sliding[name] for name in SLIDING)), []
+    for angle, V, F, *law in zip(*(column.tolist() for column in columns), strict=True):
+        crossings = flutter_onsets(rig, angle, run.BAND, MU_MAX, friction=Friction(*law), V=V, F=F)
+        recovery = min(crossings.recovery_mu.tolist(), default=np.nan)
+        found.append((*first_of(crossings, run.BAND), recovery, crossings.divergence_mu))
     return dict(zip(ONSET, np.transpose(found), strict=True))
 
 

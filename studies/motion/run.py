@@ -80,7 +80,11 @@ def options(
 
 def job(scene: Scene, duration: float | Until, run: Mapping[str, Any], **recording: Any) -> Job:
     """A run of a scene with these parameters."""
-    return Job(scene, duration, options(**run) | recording)
+    given = options(**run) | recording
+    if getattr(given.get("initial"), "running", False):
+        # Its drive runs already.
+        given["ramp"] = None
+    return Job(scene, duration, given)
 
 
 def summary_of(run: Transient) -> dict[str, Any]:

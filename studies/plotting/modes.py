@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -77,6 +78,20 @@ def mark_onsets(axes: Axes, mu: Any, hertz: Any, unit: float = 1.0) -> None:
         side, offset = ("top", -6) if each / unit > 0.1 * axes.get_ylim()[1] else ("bottom", 6)
         how: dict[str, Any] = {"textcoords": "offset points", "va": side, "color": figures.BLUE, "bbox": box}
         axes.annotate(f"μ = {at:.4f}, {_hertz(each)}", (at, each / unit), (8, offset), **how)
+
+
+def mark_recoveries(axes: Axes, mu: Any, hertz: Any) -> None:
+    """Mark recoveries, on an axis of frequency in the unit of `hertz`."""
+    if len(mu):
+        look: Any = {"markerfacecolor": "white", "color": figures.BLUE, "zorder": 3}
+        axes.plot(mu, hertz, "o", label="recovery, model", **look)
+
+
+def mark_divergence(panels: Iterable[Axes], mu: float) -> None:
+    """Mark where motion begins to grow without oscillation; nothing if `mu` is NaN."""
+    for k, axes in enumerate(panels if np.isfinite(mu) else ()):
+        label = "" if k else f"divergence from μ = {mu:.4f}"
+        axes.axvline(mu, color=figures.GREEN, linestyle="--", label=label or None)
 
 
 def _hertz(frequency: float) -> str:

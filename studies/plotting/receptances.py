@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from studies.plotting import figures
+from studies.plotting.modes import mark_divergence, mark_recoveries
 from studies.stability import largest_growth
 
 if TYPE_CHECKING:
@@ -40,9 +41,13 @@ def draw(structure: Structure, fmax: float, mu_max: float, onsets: FlutterOnsets
     right.plot(mu, growth, color=figures.BLACK)
     right.plot(mu, np.where(growth > 0.0, growth, np.nan), color=figures.RED, linewidth=2.0)
     right.axhline(0.0, color=figures.GREY, linewidth=0.8)
-    if onsets is not None and len(onsets.mu):
-        right.plot(onsets.mu, 0.0 * onsets.mu, "o", color=figures.BLUE, label="flutter onset")
-        right.legend(loc="best")
+    if onsets is not None:
+        if len(onsets.mu):
+            right.plot(onsets.mu, 0.0 * onsets.mu, "o", color=figures.BLUE, label="flutter onset")
+        mark_recoveries(right, onsets.recovery_mu, 0.0 * onsets.recovery_mu)
+        mark_divergence([right], onsets.divergence_mu)
+        if right.get_legend_handles_labels()[0]:
+            right.legend(loc="best")
     right.set(xlabel="coefficient of friction μ", ylabel="growth rate / (1/s)")
     figures.letter((left, right), ("receptances at the contact", "least stable mode of steady sliding"))
     figure.suptitle(repr(structure))

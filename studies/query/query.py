@@ -21,7 +21,7 @@ from sweeps import InputError
 
 MOST_ROWS = 5_000_000
 STATISTIC = re.compile(r"(size|mean|std|min|max|median|share)\s*:\s*(\S.*)")
-ASIDE = re.compile(r"status|error|wall_time|.*_se")  # no columns by default
+ASIDE = re.compile(r"status|error|wall_time|growing_above_band|.*_se")  # no columns by default
 # The commas of a list are outside of quotes and brackets.
 ENTRY = re.compile(r"""(?:'[^']*'|"[^"]*"|\((?:[^()]|\([^()]*\))*\)|[^,])+""")
 Names = str | Sequence[str] | None

@@ -3,6 +3,8 @@
 Each goes into results/benchmarks.json with machine, commit and date, as soon as it is there; the others stay.
 `python -m tests.benchmarks --show [PART | PART.TABLE ...]` prints what that file holds; `--tables` writes the
 tables of the READMEs. Two cores that do nothing else are needed; each table is measured in a process of its own.
+`python -m tests.benchmarks constants [--full]` prints the constants that decide the motion, each with the
+measurement behind it, in minutes; with `--full` in an hour or two.
 """
 
 from __future__ import annotations
@@ -48,8 +50,11 @@ def main() -> None:
     parser.add_argument("--tables", action="store_true", help="write the READMEs' tables, measure nothing")
     parser.add_argument("--show", action="store_true", help="print measured tables, measure nothing")
     parser.add_argument("--print", action="store_true", help="print one table as JSON, keep nothing")
+    parser.add_argument("--full", action="store_true", help="measure the constants on all rigs and structures")
     given = parser.parse_args()
-    if given.tables:
+    if given.names == ["constants"]:
+        import_module("tests.benchmarks.constants").show(given.full)
+    elif given.tables:
         tables.write()
     elif given.show:
         known = tables.load()

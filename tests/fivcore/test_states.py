@@ -1,5 +1,8 @@
 """States: runs that go on from the end of another, and starts in slip, in stick and in separation."""
 
+import gc
+import pickle
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -55,6 +58,47 @@ def test_skips_and_the_published_scheme_go_on_with_their_bits():
     assert np.array_equal(np.concatenate([p.normal_force for p in pieces]), whole.normal_force)
     whole, pieces = parts(SCENE, [5e-4, 1.7e-3], 3e-3, "exact", ramp=1e-3)
     np.testing.assert_allclose(np.concatenate([p.normal_force for p in pieces]), whole.normal_force, rtol=1e-10)
+
+
+@pytest.mark.parametrize("method", ["fast", "exact", "paper"])
+def test_resampled_series_are_linear_across_a_stop(method):
+    """The stop is in a burst, and a sample in the half step after it."""
+    scene, rate = replace(SCENE, V=2e-2), 77e3
+    steps = {"fast": None, "exact": 2e-6, "paper": None}[method]
+    stop = 850 / rate
+    whole, pieces = parts(scene, [stop], stop + 2e-4, method, sample_rate=rate, step=steps, leap=True)
+    join = len(pieces[0].time)
+    joined = np.concatenate([piece.normal_force for piece in pieces])
+    at = np.searchsorted(pieces[1].time, pieces[0].final_state.time)
+    # The last sample before the stop lies beyond the last step of its run.
+    others = np.arange(len(joined)) != join - 1
+    assert pieces[1].time[at] - pieces[0].final_state.time < 1.0 / rate
+    np.testing.assert_allclose(joined[others], whole.normal_force[others], rtol=1e-9, atol=1e-9)
+
+
+def test_a_chain_of_runs_does_not_keep_them():
+    state, first = None, None
+    for _ in range(30):
+        motion = simulate(SCENE, 1e-3, initial=state)
+        state = motion.final_state
+        first = first or weakref.ref(state.origin[1])
+    gc.collect()
+    assert first() is None
+    assert len(pickle.dumps(motion)) < 2e6
+
+
+def test_a_changed_function_changes_the_model():
+    factor = {"K": 1.0}
+
+    def softer(model):
+        return replace(model, K=factor["K"] * model.K, C=factor["K"] * model.C)
+
+    def share(of_K):
+        factor["K"] = of_K
+        return simulate(SCENE, 0.1, settle=0.03, modify=softer).summary["stick_fraction"]
+
+    found = [share(each) for each in (1.0, 0.5, 1.0)]
+    assert found[0] == found[2] != found[1]
 
 
 def test_statistics_of_a_piece_are_its_own():
@@ -113,6 +157,19 @@ def test_steady_sliding_goes_on_at_another_speed_and_by_every_method():
     run = simulate(SLIDING, 0.5, initial=end)
     assert run.summary["regime"] == "steady sliding"
     assert run.summary["first_slip_time"] == 0.0
+
+
+def test_a_state_of_the_mirrored_scene_is_refused():
+    """Its modes are those of the other inclination, or of the mirrored structure."""
+    own = Structure.from_modes([300.0, 500.0], [0.4, 0.1], [-0.9, 0.7], load=[-0.4, -0.1], damping_ratio=0.01)
+    for scene in (SCENE, Scene(2e-3, 0.0, 0.2, 9.0, own)):
+        other = replace(scene, V=-scene.V)
+        for one, two in ((scene, other), (other, scene)):
+            with pytest.raises(InputError, match=r"initial: it is the end of a run with the other sign of V"):
+                simulate(two, 1e-3, initial=simulate(one, 1e-3).final_state)
+        end = simulate(scene.mirrored(), 1e-3).final_state
+        for same in (scene, scene.mirrored()):
+            assert simulate(same, 1e-3, initial=end).summary["simulated_time"] == pytest.approx(1e-3)
 
 
 def test_the_contact_follows_from_gap_and_rate():

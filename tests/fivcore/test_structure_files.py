@@ -43,6 +43,10 @@ def coordinate(k):
     return "\n".join(f"{i + 1} {j + 1}  {k[i, j]:.17g}" for i, j in np.argwhere(k))
 
 
+def fortran(k):
+    return "\n".join(f"{i + 1} {j + 1}  {k[i, j]:.17E}".replace("E", "D") for i, j in np.argwhere(k))
+
+
 def matrix_input(k):
     name = [f"{node},{dof}" for node, dof in LABELS]
     lines = [f"{name[i]}, {name[j]}, {k[i, j]:.17g}" for i, j in np.argwhere(k)]
@@ -50,7 +54,7 @@ def matrix_input(k):
 
 
 def market(k, symmetry="general"):
-    return lambda file: scipy.io.mmwrite(file, sparse.coo_array(k), symmetry=symmetry, precision=17)
+    return lambda file: scipy.io.mmwrite(file, k, symmetry=symmetry, precision=17)
 
 
 FILES = {
@@ -58,8 +62,8 @@ FILES = {
     "dense.mat": lambda file: scipy.io.savemat(file, {"K": K}),
     "k.npz": lambda file: sparse.save_npz(file, sparse.csr_array(K)),
     "dense.npz": lambda file: np.savez(file, K=K),
-    "general.mtx": market(K),
-    "symmetric.mtx": market(K, "symmetric"),
+    "general.mtx": market(sparse.coo_array(K)),
+    "symmetric.mtx": market(sparse.coo_array(K), "symmetric"),
     "both.mtx": coordinate(K),
     "lower.mtx": coordinate(LOWER),
     "both.inp": matrix_input(K),
@@ -72,7 +76,24 @@ FILES = {
     "lower.npz": lambda file: np.savez(file, K=LOWER),
     "lower.hb": harwell_boeing(LOWER, kind="RUA"),
 }
+SIZE = f"12 12 {np.count_nonzero(LOWER)}\n"
+SYMMETRIC = "MatrixMarket matrix coordinate real symmetric\n"
+# Matrix Market as others write it, from other banners and none; exponents of Fortran.
+FILES |= {
+    "small.mtx": "%%matrixmarket MATRIX Coordinate Real Symmetric\n" + SIZE + coordinate(LOWER),
+    "percent.mtx": "%" + SYMMETRIC + "% a comment\n\n" + SIZE + coordinate(LOWER),
+    "blank.mtx": "\n  \ufeff%%  " + SYMMETRIC.replace(" ", "   ") + SIZE + coordinate(LOWER),
+    "bare.mtx": "% no banner\n" + SIZE + coordinate(LOWER),
+    "whole.mtx": f"12 12 {np.count_nonzero(K)}\n" + coordinate(K),
+    "fortran.mtx": fortran(LOWER),
+    "fortran.txt": "%%" + SYMMETRIC + SIZE + fortran(LOWER),
+    "fortran.inp": matrix_input(LOWER.T).replace("e-", "D-"),
+    "lower-d.mtx": fortran(LOWER).lower(),
+    "gaps.mtx": "%%" + SYMMETRIC + "\n%\n" + SIZE + "\n% late\n" + coordinate(LOWER).replace("\n", "\n\n"),
+    "array.mtx": market(K),
+}
 OTHERS = {
+    "job.dof": "".join(f"{1 + i // 3}.{1 + i % 3}\n" for i in range(12)),
     "dashpot.inp": "7,2, 7,2, 3.0",
     "vector.txt": "\n".join(map(str, range(12))),
     "short.txt": "1\n2\n",
@@ -85,10 +106,23 @@ DAMAGED = {
     "pickled.npz": (lambda file: np.savez(file, K=np.array([{}], dtype=object)), "allow_pickle"),
     "v73.mat": ("MATLAB 7.3 MAT-file".ljust(124) + "\0\2IM" + "\0" * 400, "'-v7'"),
     "cut.mat": ("MATLAB 5.0 MAT-file".ljust(124) + "\0\1IM" + "\1", "cannot be read"),
-    "complex.mtx": (market(1j * K), "real"),
+    "complex.mtx": (market(sparse.coo_array(1j * K)), "real"),
     "csa.hb": (harwell_boeing(LOWER, kind="CSA"), "CSA, .* RSA"),
     "cut.hb": (harwell_boeing(LOWER)[:900], "cannot be read"),
     "four.mtx": ("1 1 1 1\n", "i, j, value"),
+    # SciPy takes the first for 2.0, and ends Python with the second.
+    "letter.mtx": ("%%" + SYMMETRIC + "3 3 2\n1 1 2.0Q6\n2 2 1.0\n", "2.0Q6"),
+    "more.mtx": ("%%" + SYMMETRIC + "3 3 2\n1 1 2.0 abc\n2 2 1.0 7\n", "abc"),
+    "wide.mtx": ("%%" + SYMMETRIC + "3 3 2\n1 1 2.0 7\n2 2 1.0 7\n", "4 numbers; .* must have 3"),
+    # A size line that does not agree with its entries, or may be one itself; indices from 0; whole matrices.
+    "short.mtx": ("3 3 6\n1 1 2.0\n2 2 2.0\n3 3 1.0\n", "first line, 3 3 6, .* 6 entries, but 3 follow"),
+    "lost.mtx": ("3 3 3\n1 1 2.0\n2 2 2.0\n", "first line, 3 3 3, .* but 2 follow"),
+    "doubt.mtx": ("3 3 2\n1 1 2.0\n2 2 2.0\n", "first line, 3 3 2, .* or an entry"),
+    "oblong.mtx": ("3 4 2\n1 1 2.0\n2 2 2.0\n", "first line, 3 4 2"),
+    "zero.mtx": ("0 0 2.0\n0 1 -1.0\n1 1 2.0\n", "count rows and columns from 1"),
+    "dense.mtx": ("2e6 -1e6 0\n-1e6 2e6 -1e6\n0 -1e6 1e6\n", "a whole matrix must be"),
+    "ones.mtx": ("2 1 1\n1 2 1\n1 1 2\n", "a whole matrix must be"),
+    "five.mtx": ("2 -1 0 0 0\n-1 2 -1 0 0\n0 -1 2 -1 0\n0 0 -1 2 -1\n0 0 0 -1 1\n", "a whole matrix must be"),
 }
 
 
@@ -145,6 +179,56 @@ def test_modes_of_a_universal_file(folder):
     assert read_modes(folder / "heavy.unv", rows)["normal"] == pytest.approx(modes["normal"] / 2.0)
 
 
+UNITS = "    -1\n   164\n         5{:<20}         2\n" + "{:25.17E}{:25.17E}{:25.17E}\n{:25.17E}\n    -1\n"
+
+
+def set_2414(mode, hertz, mass, ratio, shapes, kind):
+    """As NX writes it: node numbers and values, of kind 2 real, of kind 5 complex."""
+    lines = ["    -1", "  2414", f"{mode:10d}", "Mode", "         1", *["NONE"] * 5]
+    lines += ["".join(f"{each:10d}" for each in (1, 2, 2, 8, kind, shapes.shape[1]))]
+    lines += ["".join(f"{each:10d}" for each in (0, 0, 1, 0, 0, mode, 0, 0)), "         0         0"]
+    lines += ["".join(f"{each:13.5E}" for each in (0, hertz, 0, mass, ratio, 0)), f"{0:13.5E}" * 6]
+    for node, row in enumerate(shapes, 7):
+        values = row if kind == 2 else np.stack([row, 0.0 * row], axis=1).ravel()
+        lines += [f"{node:10d}", "".join(f"{each:13.5E}" for each in values)]
+    return "\n".join([*lines, "    -1\n"])
+
+
+@pytest.mark.parametrize("kind", [2, 5])
+@pytest.mark.parametrize(
+    ("length", "force"), [(None, None), (1.0, 1.0), (1e3, 1e3), (1e3, 1.0), (3.28084, 0.224809)]
+)
+def test_universal_files_of_today_are_brought_to_si(folder, kind, length, force):
+    """Modes of data set 2414; in mm and mN masses are kg, in mm and N tonnes, in feet and pounds slugs."""
+    pytest.importorskip("pyuff")
+    shapes = RANDOM.normal(size=(2, 4, 6 if kind == 2 else 3))
+    scale, turn = (1.0, 1.0) if length is None else (np.sqrt(length / force), length)
+    units = "" if length is None else UNITS.format("made up", length, force, 1.0, 273.15)
+    # Translations for a unit of kg^1/2 m, rotations by that of a metre less.
+    written = shapes * scale * (np.array([1.0] * 3 + [1.0 / turn] * 3)[: shapes.shape[2]])
+    text = (
+        units + set_2414(1, 100.0, 1.0, 0.01, written[0], kind) + set_2414(2, 250.0, 4.0, 0.02, written[1], kind)
+    )
+    (folder / "today.unv").write_text(text)
+    last = "rx" if kind == 2 else "z"
+    modes = read_modes(folder / "today.unv", {"normal": "node 8, y", "tangential": f"node 10, {last}"})
+    column = 3 if kind == 2 else 2
+    expected = {"frequency": [100.0, 250.0], "damping_ratio": [0.01, 0.02], "normal": shapes[:, 1, 1]}
+    expected |= {"tangential": shapes[:, 3, column]}
+    for name in ("normal", "tangential"):
+        expected[name] = expected[name] / [1.0, 2.0]
+    assert modes == {name: pytest.approx(value, rel=1e-5) for name, value in expected.items()}
+    if units:
+        (folder / "today.unv").write_text(text + UNITS.format("other", 2.0, 1.0, 1.0, 0.0))
+        with pytest.raises(InputError, match=r"units \(data set 164\) differ"):
+            read_modes(folder / "today.unv", {"normal": "node 8, y"})
+    if kind == 5:
+        complex_text = text.replace(f"{0:13.5E}\n", f"{1:13.5E}\n")
+        (folder / "today.unv").write_text(complex_text)
+        with pytest.raises(InputError, match="real normal modes"):
+            read_modes(folder / "today.unv", {"normal": "node 8, y"})
+
+
 def arguments(folder, text):
     (folder / "pin.toml").write_text(text)
     return structure_arguments(folder / "pin.toml")
@@ -159,10 +243,13 @@ def test_a_model_of_matrices(folder):
     constructor, given = arguments(folder, model("both.mtx", text))
     assert constructor == "from_matrices"
     assert all(np.array_equal(given.pop(name).toarray(), K) for name in ("mass", "stiffness"))
+    assert given.pop("names") == [f"node {node}, {way}" for node in (1, 2, 3, 4) for way in "xyz"]
     assert given.pop("output") == {i: float(i) for i in range(12)}
     assert given == {"normal": {4: 1, 11: -0.5}, "tangential": {3: 1}, "load": {0: 1}, "d1": 50, "fmax": 1e4}
     mapped = arguments(folder, model("rsa.matrix", 'nodes = "K.mapping"\nnormal = 2', "node 3, rz"))[1]
     assert (mapped["tangential"], mapped["normal"]) == ({11: 1}, {2: 1})
+    calculix = arguments(folder, model("both.mtx", 'nodes = "job.dof"\nnormal = "node 4, z"', "node 2, y"))[1]
+    assert (calculix["tangential"], calculix["normal"], calculix["names"][4]) == ({4: 1}, {11: 1}, "node 2, y")
 
 
 def test_matrices_of_several_nodes_are_brought_together(folder):

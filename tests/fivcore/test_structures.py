@@ -1,29 +1,29 @@
 """Own structures: from matrices and modes, their statics, and what is refused."""
 
+import pickle
+import warnings
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from scipy import sparse
+from scipy import linalg, sparse
 
-from fivcore import InputError, Rig, Scene, Structure, flutter_onsets, simulate
+from fivcore import (
+    DampingWarning,
+    Friction,
+    InputError,
+    Rig,
+    Scene,
+    Structure,
+    flutter_onsets,
+    simulate,
+    sliding_modes,
+)
 from tests.helpers.plate import plate
-from tests.helpers.reference import assemble
+from tests.helpers.structures import beams
 
 RIG, THETA = Rig(), 5.0
 OSCILLATOR = {"frequency": [0.0, 1.0], "normal": [1.0, 0.0], "tangential": [0.0, 1.0], "load": [-1.0, 0.0]}
-
-
-def beams(convert=np.asarray, **given):
-    """The paper's rig from a second assembly of its finite elements."""
-    K, M, normal, tangential = assemble(RIG, THETA)
-    p1, p2 = RIG.p1.elements, RIG.p2
-    load, output, moved = np.zeros((3, len(K)))
-    load[3 * p1], output[3 * (p1 // 2)] = -1.0, 1.0
-    # P2's nodes move with its clamp, whose own element has a sixth of its mass on the first of them.
-    moved[3 * p1 + 1 :: 3] = 1.0
-    drive = M @ moved
-    drive[3 * p1 + 1] += p2.density * p2.width * p2.thickness * p2.length / p2.elements / 6.0
-    rows = {"normal": normal, "tangential": tangential, "load": load, "output": output, "drive": drive}
-    return Structure.from_matrices(convert(M), convert(K), **rows, d1=RIG.d1, d2=RIG.d2, **given)
 
 
 @pytest.mark.parametrize("given", [{}, {"fmax": 94e3}, {"fmax": 94e3, "convert": sparse.csc_array}])
@@ -44,8 +44,8 @@ def test_matrices_give_the_beams(given, monkeypatch):
 
 def test_a_structure_moves_like_the_rig_it_is():
     one = simulate(Scene(0.02, THETA, 0.2, 9.0), 0.02, cutoff=94e3, record=True)
-    for structure, given in ((Structure.of(RIG, THETA), {"cutoff": 94e3}), (beams(fmax=94e3), {})):
-        other = simulate(Scene(0.02, 0.0, 0.2, 9.0, structure), 0.02, **given, record=True)
+    for structure in (Structure.of(RIG, THETA), beams(), beams(fmax=10e3), beams(fmax=94e3)):
+        other = simulate(Scene(0.02, 0.0, 0.2, 9.0, structure), 0.02, cutoff=94e3, record=True)
         early = one.time < 0.0075
         assert other.velocity_B[early] == pytest.approx(one.velocity_B[early], abs=1e-6 * np.ptp(one.velocity_B))
         assert other.summary["first_slip_time"] == pytest.approx(one.summary["first_slip_time"], abs=4e-6)
@@ -125,6 +125,74 @@ def test_damping_by_mode_by_ratio_and_by_matrix():
     assert tied.damping == pytest.approx([0.0, 0.0])
 
 
+PIN = Structure.from_modes([500, 800, 1700], [0.4, 0.1, 0.4], [-0.9, -0.7, -0.4], load=[-0.4, -0.1, 0.0])
+
+
+def tied_exponents(own):
+    """Complex eigenvalues with the contact tied, static modes as springs; without `fivcore.damping`."""
+    m, gaps = len(own.frequency), np.stack([own.normal, own.tangential])
+    K, held = np.diag(own.stiffness[:m]), np.eye(m)
+    if own.static:
+        compliance = (gaps[:, m:] / own.stiffness[m:]) @ gaps[:, m:].T
+        K += gaps[:, :m].T @ np.linalg.solve(compliance, gaps[:, :m])
+    else:
+        held = linalg.null_space(gaps)
+    K, D = held.T @ K @ held, held.T @ (own.damping[:m, None] * held)
+    unit = np.sqrt(np.abs(K).max())
+    values = unit * np.linalg.eigvals(np.block([[0.0 * K, np.eye(len(K))], [-K / unit**2, -D / unit]]))
+    values = values[values.imag > 0.0]
+    return values[np.argsort(np.abs(values))]
+
+
+@pytest.mark.parametrize("ratio", [0.01, 0.001, "falling"])
+@pytest.mark.parametrize("fmax", [None, 10e3, 20e3, 50e3, 94e3])
+def test_ratios_of_the_tied_structure_are_those_asked_for(fmax, ratio):
+    """The pin of studies/README.md, and the paper's rig by its matrices, as far as 0.8 of the band."""
+    own = PIN if fmax is None else beams(fmax=fmax)
+    top, count = own.frequency[-1], len(own.tied_damping[0])
+    asked = np.geomspace(0.02, 0.005, count) if ratio == "falling" else np.full(count, ratio)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        damped = own.damped(ratio if ratio != "falling" else asked)
+    exponents = tied_exponents(damped)
+    frequency, found = np.abs(exponents) / (2.0 * np.pi), -exponents.real / np.abs(exponents)
+    low = frequency < 0.8 * top
+    assert low.sum() == {None: 1, 10e3: 7, 20e3: 10, 50e3: 19, 94e3: 29}[fmax]
+    np.testing.assert_allclose(found[low], asked[low], rtol=0.02)
+    # What came of it is said, and no free mode is damped against all reason.
+    np.testing.assert_allclose(damped.tied_damping[0], frequency, rtol=1e-4)
+    np.testing.assert_allclose(damped.tied_damping[1], found, rtol=0.01)
+    missed = np.abs(found / asked - 1.0) > 0.1
+    for hertz in frequency[missed]:
+        assert f" {hertz:.6g}"[:4] in damped.remarks[-1]
+    assert missed.any() == any("tied" in remark for remark in damped.remarks)
+    free = damped.damping[: len(own.frequency)] / (2.0 * np.sqrt(own.stiffness[: len(own.frequency)]) + 1e-300)
+    assert np.all(free[own.frequency > 0.0] < 2.0 * asked.max())
+    assert np.all(damped.damping >= 0.0)
+
+
+def test_ratios_that_no_damping_gives_are_said():
+    """Of two tied modes one cannot be undamped with all others damped."""
+    own = beams(fmax=20e3)
+    asked = np.full(len(own.tied_damping[0]), 1e-4)
+    asked[3] = 0.2
+    with pytest.warns(DampingWarning, match=r"^damping: .* missed at .* Hz: 0\.\d+ for 0\.2"):
+        damped = own.damped(asked)
+    assert damped.remarks[-1].startswith("damping: ratios of tied modes are missed at ")
+    assert np.all(damped.damping >= 0.0)
+    assert np.all(own.damped(0.0).damping == 0.0)
+
+
+def test_tied_modes_below_a_fine_mesh():
+    """The suspension of a pin whose highest mode has 600 MHz, 3e7 times as much."""
+    M, K = pin(80)
+    own = Structure.from_matrices(M, K, normal={80: 1.0}, tangential={162: 1.0, 40: 1e-3}, load={80: -1.0})
+    frequency, _ = own.damped(0.01).tied_damping
+    M, K = pin(20)
+    other = Structure.from_matrices(M, K, normal={20: 1.0}, tangential={42: 1.0, 10: 1e-3}, load={20: -1.0})
+    np.testing.assert_allclose(frequency[:2], other.damped(0.01).tied_damping[0][:2], rtol=1e-4)
+
+
 @pytest.mark.slow
 def test_a_plate_of_a_hundred_thousand_degrees_of_freedom():
     M, K = plate(500, 100, 0.2, 0.04)
@@ -135,6 +203,121 @@ def test_a_plate_of_a_hundred_thousand_degrees_of_freedom():
     assert len(structure.frequency) > 10
     assert 0.9 < structure.preload < 1.1
     assert np.isfinite(simulate(Scene(1e-3, 0.0, 0.2, 10.0, structure), 0.01).summary["energy_residual"])
+
+
+def pin(elements, length=0.05, diameter=0.02, springs=(20.0, 20.0)):
+    """M and K of a steel pin in bending on two springs, Hz with half its mass, and of another mass at 20 Hz."""
+    each, area, inertia = length / elements, np.pi * diameter**2 / 4.0, np.pi * diameter**4 / 64.0
+    a, b, c, d = 6.0 * each, 4.0 * each**2, 22.0 * each, 13.0 * each
+    k = np.array([[12.0, a, -12.0, a], [a, b, -a, b / 2.0], [-12.0, -a, 12.0, -a], [a, b / 2.0, -a, b]])
+    m = np.array([[156.0, c, 54.0, -d], [c, b, d, -0.75 * b], [54.0, d, 156.0, -c], [-d, -0.75 * b, -c, b]])
+    M, K = np.zeros((2, 2 * elements + 3, 2 * elements + 3))
+    for e in range(elements):
+        part = slice(2 * e, 2 * e + 4)
+        K[part, part] += 2.1e11 * inertia / each**3 * k
+        M[part, part] += 7800.0 * area * each / 420.0 * m
+    M[-1, -1] = mass = 7800.0 * area * length
+    for dof, hertz in zip((0, -3), springs, strict=True):
+        K[dof, dof] += 0.5 * mass * (2.0 * np.pi * hertz) ** 2
+    K[-1, -1] = mass * (2.0 * np.pi * 20.0) ** 2
+    return M, K
+
+
+@pytest.mark.parametrize("convert", [np.asarray, sparse.csc_array])
+@pytest.mark.parametrize("elements", [4, 10, 20, 40, 80])
+def test_a_soft_support_is_not_a_rigid_motion(elements, convert, monkeypatch):
+    """However fine the mesh, whose highest mode has 2 to 600 MHz: a rigid bar has 20 and 34.64 Hz."""
+    if convert is sparse.csc_array:
+        for module in ("structure", "finite_elements"):
+            monkeypatch.setattr(f"fivcore.{module}.DENSE", 5)
+    M, K = pin(elements)
+    rows = {"normal": {len(M) - 3: 1.0}, "tangential": {len(M) - 1: 1.0}, "load": {len(M) - 3: -1.0}}
+    found = Structure.from_matrices(convert(M), convert(K), **rows, fmax=None if elements < 5 else 10e3)
+    assert found.frequency[:3] == pytest.approx([20.0, 20.0, 20.0 * np.sqrt(3.0)], abs=2e-3)
+    assert not found.remarks
+    # Without one spring the pin turns about the other; that is rigid, and held by the contact.
+    M, K = pin(elements, springs=(20.0, 0.0))
+    found = Structure.from_matrices(convert(M), convert(K), **rows, fmax=10e3)
+    assert found.frequency[:2] == pytest.approx([0.0, 20.0], abs=1e-3)
+    assert np.count_nonzero(found.stiffness == 0.0) == 1
+    assert "count as rigid" in found.remarks[0]
+
+
+@pytest.mark.parametrize("weight", [1e13, 1e20, 1e25, 1e36])
+def test_held_degrees_of_freedom(weight):
+    """A stiffness far above all others, as by a penalty or as 1e36 from Abaqus, is a support."""
+    K = chain(12)
+    rows = {"normal": {11: 1.0}, "tangential": {5: 1.0}, "load": {11: -1.0}}
+    free = Structure.from_matrices(
+        np.eye(11), K[1:, 1:], **{name: {dof - 1: w for dof, w in row.items()} for name, row in rows.items()}
+    )
+    K[0, 0] += weight
+    for sparsely in (False, True):
+        found = Structure.from_matrices(np.eye(12), sparse.csc_array(K) if sparsely else K, **rows)
+        np.testing.assert_allclose(found.frequency[:11], free.frequency, rtol=1e-7)
+        assert any("1 degrees of freedom are held" in each for each in found.remarks) == (weight > 1e22)
+    # A spring between two degrees of freedom leaves nothing of the others.
+    K[:2, :2] += 1e36 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    with pytest.raises(InputError, match=r"^stiffness: .* off the diagonal"):
+        Structure.from_matrices(np.eye(12), K, **rows)
+
+
+def chain(n, end=1.0):
+    """Stiffness of springs of 1e6 N/m in a row; its last node is free."""
+    return 1e6 * (np.diag([*[2.0] * (n - 1), end]) - np.eye(n, k=1) - np.eye(n, k=-1))
+
+
+@pytest.mark.parametrize("n", [6, 700])
+@pytest.mark.parametrize("sparsely", [False, True])
+def test_messages_name_degrees_of_freedom(n, sparsely, monkeypatch):
+    """A mass without some motion, though no row is zero; a part that nothing holds; a negative spring."""
+    convert = sparse.csc_array if sparsely else np.asarray
+    names = [f"node {1 + dof // 2}, {'xy'[dof % 2]}" for dof in range(n)]
+    rows = {"normal": {n - 1: 1.0}, "tangential": {1: 1.0}, "load": {n - 1: -1.0}}
+    pair, loose, weak, negative = np.eye(n), chain(n), chain(n), chain(n)
+    pair[2:4, 2:4] = 1.0
+    loose[2] = loose[:, 2] = 0.0
+    negative[3, 3] = -1e7
+    weak -= (np.linalg.eigvalsh(weak)[0] + 50.0) * np.eye(n)
+    for M, K, text in (
+        (pair, chain(n), "mass: .* a motion, largest at node 2, [xy], has none"),
+        (np.eye(n), loose, "stiffness: 1 rigid .* one moves node 2, x most"),
+        (np.eye(n), negative, "stiffness: indefinite: a motion, largest at node 2, y, has -1"),
+        (np.eye(n), weak, "stiffness: indefinite: a motion, largest at node .*, [xy], has -50 1/s2"),
+    ):
+        with pytest.raises(InputError, match=text) as caught:
+            Structure.from_matrices(convert(M), convert(K), **rows, fmax=300.0, names=names)
+        assert "\n" not in str(caught.value)
+    if n > 600:
+        monkeypatch.setattr("fivcore.finite_elements.MEMORY", 1e-3)
+        for fmax, text in (
+            (0.01, "fmax = 0.01: no mode is below it; the lowest has 0.356888 Hz"),
+            (1e4, "700 modes below it need 0 GB"),
+        ):
+            with pytest.raises(InputError, match=text):
+                Structure.from_matrices(np.eye(n), chain(n), **rows, fmax=fmax)
+    with pytest.raises(InputError, match="names: there are 2; it must be"):
+        Structure.from_matrices(np.eye(n), chain(n), **rows, names=["a", "b"])
+
+
+def test_the_digest_has_the_law_of_damping():
+    """Stability with falling friction computes otherwise with it, and keeps its results by the digest."""
+    own = beams(fmax=20e3)
+    by_mode = replace(own, rayleigh=None)
+    assert own != by_mode
+    assert own == replace(own, rayleigh=(RIG.d1, RIG.d2)) == Structure.from_dict(own.to_dict())
+    assert by_mode == Structure.from_dict(by_mode.to_dict())
+
+
+def test_a_structure_holds_modes_and_no_matrices():
+    """What is pickled, told to other processes and digested is some numbers for each mode."""
+    M, K = (each.tocsc() for each in plate(40, 20, 0.2, 0.04))
+    rows = {"normal": {1601: 1.0}, "tangential": {1600: 1.0}, "load": {1601: -1.0}}
+    own = Structure.from_matrices(M, K, **rows, fmax=20e3)
+    own.tied_damping, own.damped(0.01), own.preload, own.time_unit, own.digest
+    modes = len(own.stiffness) + len(own.motion.stiffness)
+    assert len(pickle.dumps(own)) < 3_000 + 8 * 10 * modes
+    assert len(pickle.dumps(own)) < 0.05 * len(pickle.dumps(K))
 
 
 M3, K3 = np.eye(3), np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
@@ -189,6 +372,9 @@ WRONG_MODES = [
     ({"frequency": [0.0, -1.0]}, "frequency = -1: it must be 0 or above"),
     ({"frequency": []}, "frequency of shape (0,)"),
     ({"normal": [1.0]}, "normal of shape (1,): it must be a row of 2 finite numbers"),
+    ({name: [1.0] for name in OSCILLATOR} | {"frequency": [0.0]}, "the only mode is rigid"),
+    ({"load": [-1e99, 0.0]}, "the normal force at rest is 1e+99 for a unit load; it must be from 1e-12 to 1e12"),
+    ({"normal": [1e99, 0.0]}, "the normal force at rest is 1e-99 for a unit load; it must be"),
     ({"frequency": [0.0, 0.0]}, "1 rigid motion(s) that the closed contact does not hold"),
 ]
 
@@ -207,6 +393,48 @@ def test_wrong_modes_are_refused_in_one_line(given, message):
     with pytest.raises(InputError) as caught:
         Structure.from_modes(**OSCILLATOR | given)
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("elements", [4, 10, 20, 40])
+def test_a_load_that_does_not_press_the_contact(elements):
+    """Of a bar on two springs, loaded over the other one: modes and stability are right, motion is refused."""
+    M, K = pin(elements)
+    rows = {"normal": {len(M) - 3: 1.0}, "tangential": {len(M) - 1: 1.0}, "load": {0: -1.0}}
+    own = Structure.from_matrices(M, K, **rows)
+    assert own.frequency[:2] == pytest.approx([20.0, 20.0], abs=1e-3)
+    assert any(remark.startswith("load: it does not press") for remark in own.remarks)
+    # The closed contact holds one end of the bar, which has a third of its mass about it, on half of the springs.
+    assert sliding_modes(own, 0.0, 0.3, 100.0).frequency == pytest.approx([20.0, 20.0 * np.sqrt(1.5)], abs=1e-2)
+    assert "preload" in own._repr_html_()
+    with pytest.raises(
+        InputError, match=r"^load: it does not press the contact at rest, .*; change where it acts$"
+    ):
+        simulate(Scene(1e-3, 0.0, 0.3, 9.0, own), 0.01)
+
+
+ONE = Structure.from_modes([100.0], [1.0], [0.5], load=[-1.0])
+TWO = Structure.from_modes([0.0, 100.0], [1.0, 0.3], [0.2, 1.0], load=[-1.0, 0.0])
+PARALLEL = Structure.from_modes([100.0, 300.0, 700.0], [1.0, 0.5, 0.3], [2.0, 1.0, 0.6], load=[-1.0, -0.2, 0.0])
+
+
+@pytest.mark.parametrize("method", ["fast", "exact"])
+@pytest.mark.parametrize("friction", [Friction(), Friction(0.5, 0.02)])
+@pytest.mark.parametrize("structure", [ONE, PARALLEL])
+def test_a_contact_that_cannot_slip_is_refused(structure, friction, method):
+    for cutoff in (None, 1e5):
+        with pytest.raises(InputError, match=r"^normal, tangential: they are parallel") as caught:
+            simulate(Scene(1e-3, 0.0, 0.3, 9.0, structure, friction), 0.01, method, cutoff=cutoff)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("method", ["fast", "exact"])
+def test_cut_offs_of_two_modes(method):
+    """Above both the structure is complete; below one it is not enough."""
+    scene = Scene(1e-3, 0.0, 0.3, 9.0, TWO)
+    whole, cut = (simulate(scene, 0.01, method, cutoff=cutoff, record=True) for cutoff in (None, 1e5))
+    assert np.array_equal(whole.tangential_force, cut.tangential_force)
+    with pytest.raises(InputError, match=r"^cutoff = 50: it must be above 100 Hz, so that two modes are kept"):
+        simulate(scene, 0.01, method, cutoff=50.0)
 
 
 def test_theta_belongs_to_the_modes():

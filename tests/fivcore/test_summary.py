@@ -172,7 +172,7 @@ def test_what_is_not_known_to_be_a_long_stick_waits():
 @pytest.mark.parametrize("decay", [0.0, 40.0])
 def test_the_autocorrelation_of_a_sine_is_one_and_of_filtered_noise_its_decay(decay):
     """A complex first-order filter gives exp(-decay |lag|) cos(2 pi f lag)."""
-    frequency, n, rng, correlation = 2600.0, 400_000, np.random.default_rng(3), Correlation()
+    frequency, n, rng, correlation = 2600.0, 400_000, np.random.default_rng(3), Correlation(1.0)
     noise = rng.normal(size=n) + 1j * rng.normal(size=n) if decay else np.eye(1, n)[0]
     factor = np.exp((-decay + 2j * np.pi * frequency) / RATE)
     signal = lfilter([1.0], [1.0, -factor], noise).real
@@ -180,7 +180,7 @@ def test_the_autocorrelation_of_a_sine_is_one_and_of_filtered_noise_its_decay(de
         correlation.add(signal[first : first + BLOCK])
     lag, expected = 20 * RATE / frequency, np.exp(-decay * 20.0 / frequency)
     assert correlation.near(lag, 0.025 * lag) == pytest.approx(expected, abs=0.01 if not decay else 0.08)
-    short = Correlation()
+    short = Correlation(1.0)
     short.add(signal[:300])
     assert np.isnan(short.near(lag, 10.0))
 

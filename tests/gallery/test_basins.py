@@ -1,13 +1,16 @@
 """Starts about steady sliding, shares with their intervals, and the smallest knock that starts vibration."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import binomtest
 
 from fivcore import Friction, Rig, Scene, State, Structure, simulate, sliding_modes
-from studies.gallery import knock, maps
+from studies.gallery import hysteresis, knock, maps
 from studies.gallery.classics import block_of
 from studies.motion import starts
+from studies.parameters import RUN
 
 OPTIONS = {"duration": None, "step": None, "cutoff": None, "numerical_damping": "none"}
 SCENE = Scene(5e-3, 5.0, 0.1, 9.0)
@@ -105,3 +108,42 @@ def test_a_structure_of_few_modes_has_basins_too(computed):
     data = registry.load("basins").sweep(given, structure=own).plan().run("sync").squeeze()
     assert 0.0 < float(data["vibration_share"]) < 1.0
     assert np.all(data["start_velocity"].values[data["label"].values > 2] > 1.4)
+
+
+def mirror_images():
+    """A structure of three modes: at V < 0 it slides steadily and vibrates at V > 0."""
+    own = Structure.from_modes(
+        [500.0, 800.0, 1700.0], [0.4, 0.1, 0.4], [-0.9, -0.7, -0.4], load=[-0.4, -0.1, 0.0], damping_ratio=0.002
+    )
+    return (
+        Scene(-2e-2, 0.0, 0.3, 50.0, own),
+        Scene(2e-2, 0.0, 0.3, 50.0, own.mirrored()),
+        Scene(2e-2, 0.0, 0.3, 50.0, own),
+    )
+
+
+def basin(scene):
+    def labels(seen):
+        q, (_, v) = starts.equilibrium(seen), starts.directions(seen, ["knock"])[0]
+        states = [State.of(seen, q, size * v) for size in (-1e-3, 1e-3, 1e-2)]
+        return {"label": starts.labels_of(seen, states, OPTIONS | {"duration": 0.3})}
+
+    return starts.each([scene], labels)["label"].tolist()
+
+
+def knocked(scene):
+    return knock.knocks([scene], 1e-3, 0.2, **OPTIONS | {"duration": 0.3})["knock_threshold"].tolist()
+
+
+def followed(scene):
+    found = hysteresis.follow(
+        [(scene, replace(scene, mu=0.32))], 1.0, 0.2, **{name: each.default for name, each in RUN.items()}
+    )
+    return np.nan_to_num(np.abs(found["velocity_rms"]), nan=-1.0).tolist()
+
+
+@pytest.mark.parametrize("study", [basin, knocked, followed])
+def test_a_structure_at_v_below_zero_is_its_mirror_image(study):
+    here, image, other = (study(scene) for scene in mirror_images())
+    assert here == image
+    assert here != other

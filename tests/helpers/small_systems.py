@@ -98,7 +98,8 @@ class Fast:
         record, now = self.record, int(self.record["now"][0])
         last = now + steps
         fill(record, last=last, next_row=now, row_every=1, stick_room=steps, samples=0, rows=0, sticks=0)
-        fill(record, sample_every=SAMPLED, next_sample=-(-now // SAMPLED) * SAMPLED)
+        sample = -(-now // SAMPLED) * SAMPLED
+        fill(record, sample_every=SAMPLED, next_sample=sample, energy_every=SAMPLED, next_energy=sample)
         rows, samples = np.empty((steps, 6)), np.empty((count_in(now, last, SAMPLED), SAMPLE))
         sticks = np.empty((steps, 2))
         kernel.advance(record, self.modes, samples, rows, sticks, NONE, workspace_for(NONE), (), ())

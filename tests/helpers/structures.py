@@ -1,11 +1,12 @@
-"""Random structures, and sets of exponents that are compared."""
+"""Random structures, the paper's rig by its matrices, and sets of exponents that are compared."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from fivcore import Structure
+from fivcore import Rig, Structure
 from fivcore.finite_elements import static_modes
+from tests.helpers.reference import assemble
 
 
 def drawn(seed, rayleigh=False):
@@ -39,3 +40,18 @@ def assert_same_set(mine, theirs, error):
     assert len(mine) == len(theirs)
     for one, other in ((mine, theirs), (theirs, mine)):
         assert all(np.abs(other - each).min() < error * np.abs(each) for each in one)
+
+
+def beams(convert=np.asarray, **given):
+    """The paper's rig at 5 degrees, from a second assembly of its finite elements."""
+    rig = Rig()
+    K, M, normal, tangential = assemble(rig, 5.0)
+    p1, p2 = rig.p1.elements, rig.p2
+    load, output, moved = np.zeros((3, len(K)))
+    load[3 * p1], output[3 * (p1 // 2)] = -1.0, 1.0
+    # P2's nodes move with its clamp, whose own element has a sixth of its mass on the first of them.
+    moved[3 * p1 + 1 :: 3] = 1.0
+    drive = M @ moved
+    drive[3 * p1 + 1] += p2.density * p2.width * p2.thickness * p2.length / p2.elements / 6.0
+    rows = {"normal": normal, "tangential": tangential, "load": load, "output": output, "drive": drive}
+    return Structure.from_matrices(convert(M), convert(K), **rows, d1=rig.d1, d2=rig.d2, **given)

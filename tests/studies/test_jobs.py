@@ -29,7 +29,7 @@ def test_an_option_that_does_not_suit_one_scene_fails_that_scene_alone():
     bad = replace(SCENE, rig=Rig(p1=replace(Rig().p1, elements=60)))
     good, error = run_all([Job(scene, 1e-4, {"method": "paper", "step": 2e-8}) for scene in (SCENE, bad)])
     assert isinstance(good, Transient)
-    assert str(error).startswith("step = 2e-08: with this rig")
+    assert str(error).startswith("step = 2e-08: with these modes")
     with pytest.raises(ValueError, match=r"^duration = -1\.0: it must be"):
         run_all([JOBS[0], Job(SCENE, -1.0, {})])
 

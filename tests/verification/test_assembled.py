@@ -160,6 +160,48 @@ def test_all_modes_of_a_random_system(copies, massless, monkeypatch):
     assert_within(known, modes, 1, 1e-8 * unit, whole=True)
 
 
+PARTS = [(2, 40, 0.6, 0.0), (20, 12, 0.6, 0.0), (20, 12, 0.6, 1e-12), (40, 6, 0.8, 0.0), (40, 6, 0.8, 1e-7)]
+PARTS += [(60, 5, 0.6, 1e-9), (100, 4, 1.0, 0.0), (40, 6, 3.0, 0.0), (150, 1, 2.0, 0.0)]
+
+
+@pytest.mark.parametrize(("copies", "each", "band", "apart"), PARTS)
+def test_all_modes_of_equal_and_nearly_equal_parts(copies, each, band, apart, monkeypatch):
+    """In any order of rows; some bands have a few modes of each part, some have all."""
+    monkeypatch.setattr(assembled, "DENSE", 50)
+    rng = np.random.default_rng(0)
+    skew, turn = rng.normal(size=(2, each, each))
+    K = 2.0 * np.eye(each) - np.eye(each, k=1) - np.eye(each, k=-1) + 0.02 * np.diag(rng.random(each))
+    C, Kf = 1e-3 * K + 1e-3 * (turn - turn.T), 0.05 * (skew - skew.T)
+    M, order = np.diag(1.0 + 0.3 * rng.random(each)), rng.permutation(copies * each)
+    factors = sparse.diags_array(1.0 + apart * rng.random(copies))
+    whole = [sparse.kron(factors if part is K else np.eye(copies), part).tocsr() for part in (M, C, K, Kf)]
+    whole = [matrix[order][:, order] for matrix in whole]
+    modes = assembled_modes(*whole[:3], friction_stiffness=whole[3], mu=[0.6, 0.601], fmax=band / (2.0 * np.pi))
+    for row, mu in enumerate(modes.mu):
+        lower = -np.linalg.solve(M, np.hstack([K + mu * Kf, C]))
+        known = linalg.eigvals(np.vstack([np.eye(each, 2 * each, each), lower]))
+        known = known[(known.imag >= 0.0) & (known.imag <= band) & (np.abs(known.real) <= 0.5 * band)]
+        found = modes.growth_rate[row] + 2j * np.pi * modes.frequency[row]
+        found = found[np.isfinite(found)]
+        assert len(found) == copies * len(known) > 0
+        nearest = np.abs(np.subtract.outer(known, found)).argmin(axis=0)
+        assert np.all(np.bincount(nearest) == copies)
+        assert np.abs(found - known[nearest]).max() < 1e-6 * band
+
+
+def test_where_most_modes_are_in_the_region_they_are_found_densely():
+    """The sleepers of NLEVP (Betcke et al., ACM Trans. Math. Software 39, 2013): circulant, so in closed form."""
+    n, top = 230, np.pi
+    A = np.roll(np.eye(n), 1, axis=0) + np.roll(np.eye(n), -1, axis=0) - 2.0 * np.eye(n)
+    modes = assembled_modes(np.eye(n), np.eye(n) + A @ A, np.eye(n) + A + A @ A, fmax=0.5)
+    a = 2.0 * np.cos(2.0 * np.pi * np.arange(n) / n) - 2.0
+    known = np.concatenate([np.roots([1.0, 1.0 + each**2, 1.0 + each + each**2]) for each in a])
+    known = known[(known.imag >= 0.0) & (np.abs(known.real) <= 0.5 * top)]
+    found = modes.growth_rate + 2j * np.pi * modes.frequency
+    assert len(found) == len(known)
+    assert np.abs(np.subtract.outer(known, found)).min(axis=1).max() < 1e-7
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [

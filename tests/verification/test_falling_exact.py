@@ -171,4 +171,7 @@ def test_a_slip_rate_that_is_not_unique_is_an_error():
     """(1 - kappa) mu N / v_d reaches C_TT - mu |C_NT| of the contact's dashpot."""
     with pytest.raises(ContactError, match=r"decay_speed = 0\.02 m/s.* N = 9 N; it must be above 0\.0465 m/s"):
         simulate(replace(RIG, friction=Friction(0.5, 0.02)), 0.01, "exact")
+    # By an impact the force rises within a step so far that there is no slip rate at all.
+    with pytest.raises(ContactError, match=r"not unique where N = [\d.]+ N; it must be above [\d.]+ m/s"):
+        simulate(replace(RIG, V=0.05, friction=Friction(0.5, 0.1)), 0.01, "exact")
     assert simulate(replace(RIG, friction=Friction(0.5, 0.047)), 1e-3, "exact").summary["slip_fraction"] == 0.0

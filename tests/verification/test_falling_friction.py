@@ -112,6 +112,24 @@ def test_modes_are_dense_eigenvalues(kind):
     assert count > 500
 
 
+@pytest.mark.parametrize("seed", [1127, 11, 23, 42])
+def test_steep_falls_leave_no_guess_without_a_value(seed):
+    """A guess that is thrown far out has none, and may not spread to the others."""
+    own, scale = drawn(seed, seed == 42)
+    for mu, V, F, fall in (
+        (0.27483, 2.19343e-3, 37.877064, 5.039665e-4),
+        (0.3, 1e-3, 10.0, 1e-3),
+        (0.2, 1e-2, 100.0, 1e-2),
+    ):
+        given = Scene(V, 0.0, mu, F, own, Friction(0.6, fall))
+        m, k, held = steady(given)
+        if held:
+            mine, theirs = (
+                within(each, 2.0 * scale) for each in (exponents(given, 2.0 * scale), dense_exponents(own, m, k))
+            )
+            assert_same_set(mine, theirs[np.abs(theirs) > 1e-12 * scale], 1e-7)
+
+
 def limits(given, name):
     value = getattr(given, name)
     return (0.0, 1.0) if name == "mu" else (0.1 * value, 10.0 * value)

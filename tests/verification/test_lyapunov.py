@@ -7,7 +7,7 @@ from inspect import signature
 import numpy as np
 import pytest
 
-from fivcore import Friction, Rig, Scene, Structure, lyapunov_exponent, simulate
+from fivcore import Friction, Rig, Scene, State, Structure, lyapunov_exponent, simulate
 from fivcore.contact.reduced import reduced_model
 from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.transient import lyapunov
@@ -106,6 +106,19 @@ def test_in_slip_it_follows_a_growing_eigenvector():
     assert run.record["switches"] == 0.0
     found = take(finished(run), run.places, at.V)
     np.testing.assert_allclose(found, expected[size:-1], rtol=0.0, atol=1e-8 * np.abs(expected[size:-1]).max())
+
+
+def test_a_state_may_be_given_in_any_way():
+    """As the end of a run it would go on with that run's step, four times as long."""
+    scene, given = Scene(2e-3, 5.0, 0.2, 9.0), {"settle": 0.02}
+    end = simulate(scene, 0.15).final_state
+    step = 0.25 * reduced_model(Rig(), 5.0, None).default_step
+    ways = [
+        lyapunov_exponent(scene, 0.05, initial=end, **given),
+        lyapunov_exponent(scene, 0.05, initial=end, step=step, **given),
+        lyapunov_exponent(scene, 0.05, initial=State(end.displacement, end.velocity, end.contact, True), **given),
+    ]
+    assert len({(each.value, each.start, each.time) for each in ways}) == 1
 
 
 def test_steady_sliding_has_minus_the_least_damping():

@@ -43,16 +43,17 @@ _NUMBERS = [
     "mu kinetic",
     # Step, drive of the clamp; |T| / N above which a segment ends where a sample is taken; the last slip rate.
     "step speed ramp acceleration threshold slip_rate",
-    # Rates of the gaps after the last impulse, for a rigid contact; NaN: unknown.
-    "after_N after_T",
+    # For a rigid contact: rates of the gaps after the last impulse, and at it penetration, N, T and, in stick,
+    # what was left of mu N - |T|; NaN: unknown.
+    "after_N after_T last_p last_N last_T last_left",
     # Gaps and their rates by the modes before the impulse; penetration and g_T at rest, the latter with inertia of
     # the base; u; g_T + u_T when stick began.
     "g_N g_T v_N v_T p_rest T_rest u_N u_T anchor",
 ]
 _COUNTS = [
-    # Contact state, present step, end of the segment; the next sample, row of the record and try of a skip; the
-    # step from which statistics count.
-    "contact now last next_sample next_row next_skip settle sample_every row_every",
+    # Contact state, present step, end of the segment; the next sample, row of the record, sample of the
+    # dissipation and try of a skip; the step from which statistics count.
+    "contact now last next_sample next_row next_energy next_skip settle sample_every row_every energy_every",
     # Whether the contact is rigid, the first separation ends the segment, the segment has ended early.
     "rigid until_open stopped",
     # Places for modes and their blocks; of the first block those that may move both gaps, and those after them

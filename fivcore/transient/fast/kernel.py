@@ -9,6 +9,10 @@ The free move of a step does not wait for the step's contact law: the modes are 
 impulse, and the gaps get what it adds to them from three numbers. Modes that move the normal gap alone are moved
 before the law, the others after it, so the processor has work at any time while it solves the contact.
 
+In rigid contact of few modes steps are long beside the events. Where a contact status ends, the time between the
+last impulse and this one is divided linearly (`locate`), so that event times are of second order; the impulse also
+makes good the friction of the old status for too long or too short a time.
+
 Rows of a block of modes have a fixed distance, so the compiler knows that they do not overlap. Sums over modes may
 be reordered (`fivcore.jit.reordered`).
 """
@@ -166,6 +170,52 @@ def falling(scene: Any, law: Any, p: float, u: float, vN: float, vT: float, way:
     return v, N, T, s[7] * u + s[8] * N + s[9] * T
 
 
+@called
+def holding(scene: Any, vN: float, vT: float) -> Any:
+    """N and T that keep a rigid contact at rest: they undo the change of the rates over the last free move."""
+    law, less_N, less_T = scene.stick_law[np.uint64(STICK)], 0.5 * (vN - scene.after_N), 0.5 * (vT - scene.after_T)
+    return law[2] * less_N + law[3] * less_T, law[6] * less_N + law[7] * less_T
+
+
+@called
+def going_on(scene: Any, law: Any, vN: float, vT: float, slip_rate: float) -> Any:
+    """Slip speed (negative: it has passed zero) and N of a rigid contact whose slip goes on from `slip_rate`."""
+    way = np.sign(scene.last_T)
+    if len(law) > 0:
+        speed, N, _, _ = falling(scene, law, 0.0, 0.0, vN, vT, way, slip_rate)
+        if speed >= 0.0:
+            return speed, N
+    m = way * scene.kinetic
+    N = -vN / (scene.M[0] + m * scene.M[1])
+    return -way * (vT + (scene.M[1] + m * scene.M[2]) * N), N
+
+
+@called
+def crossing(before: float, after: float) -> float:
+    """Share of a step after which a linear function changes its sign; 1 if it does not."""
+    return before / (before - after) if before * after < 0.0 else 1.0
+
+
+@called
+def locate(scene: Any, law: Any, was: int, p: float, N: float, vN: float, vT: float, slip_rate: float) -> float:
+    """Share of the time from the last impulse to this one after which a rigid contact left the status `was`.
+
+    Linear in what ends it: penetration; in stick N, or mu N - |T| of the forces that hold it, known midway between
+    impulses; in slip N or its speed, if it goes on from `slip_rate`.
+    """
+    if was == SEPARATION:
+        return crossing(scene.last_p, p)
+    if was == STICK and N < 0.0:
+        return crossing(scene.last_N, N)
+    if was == STICK:
+        hold_N, hold_T = holding(scene, vN, vT)
+        left, before = scene.mu * hold_N - abs(hold_T), scene.last_left
+        # T of a step may be off by half its change in a step, which ends stick one too early or too late.
+        return min(max(before / (before - left) - 0.5, -0.5), 1.5) if before > left else 1.0
+    speed, N = going_on(scene, law, vN, vT, slip_rate)
+    return min(crossing(scene.last_N, N), crossing(-np.sign(scene.last_T) * slip_rate, speed))
+
+
 @contracted
 def respond(
     scene: Any, d: Any, law: Any, was: int, contact: int, met: bool, slip_rate: float, N: float, T: float
@@ -212,7 +262,7 @@ def respond(
 def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law: Any, tangent: Any) -> None:
     """Take a scene to its next pause."""
     mu, kinetic, step, rigid, ramp = scene.mu, scene.kinetic, scene.step, scene.rigid != 0, scene.ramp
-    per_step = 1.0 / step
+    per_step, kept = 1.0 / step, scene.kinetic == mu and len(law) == 0
     stick_law, slip_law, relax = scene.stick_law, scene.slip_law, scene.relax
     M_NN, M_NT, M_TT = scene.M[0], scene.M[1], scene.M[2]
     K_NN, K_NT, K_TT = scene.K[0], scene.K[1], scene.K[2]
@@ -225,7 +275,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
     both, others, size, blocks = scene.both, scene.others, scene.modes, scene.blocks
     speed, power, power_N, power_T = 0.0, 0.0, 0.0, 0.0
     now = scene.now
-    until, due = pause(scene, now), min(scene.next_sample, scene.next_row)
+    until, due = pause(scene, now), min(scene.next_sample, scene.next_row, scene.next_energy)
     while now < until:
         if now == due:
             speed, power, power_N, power_T = 0.0, 0.0, 0.0, 0.0
@@ -255,6 +305,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
         # In rigid contact the gap of a lasting contact is rounding: only its force can end it.
         closed = closed or (rigid and was != SEPARATION)
         before, end_N, end_T, met = u_T, relaxed, relax[2] * u_N + relax[3] * u_T, closed
+        stick_N, less_N, less_T, last_rate = 0.0, 0.0, 0.0, slip_rate
         if closed:
             u = anchor - gT if was == STICK else u_T
             N = (stick_law[status, 0] * p + stick_law[status, 2] * vN) + (
@@ -264,24 +315,36 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                 stick_law[status, 7] * vT + stick_law[status, 5] * u
             )
             closing, halts_N, halts_T = vN, 0.0, 0.0
+            stick_N = N
             if rigid and was != STICK and not np.isnan(scene.after_T):
                 # Where contact or stick begins, the gaps should not change over the free move that follows. The
                 # rate after the impulse is therefore minus half the change over the last free move.
-                less_T = -0.25 * (vT + scene.after_T)
+                rest_T = -0.25 * (vT + scene.after_T)
                 if was == SEPARATION:
                     closing = 0.75 * vN - 0.25 * scene.after_N
-                halts_N = stick_law[status, 2] * (closing - vN) + stick_law[status, 3] * less_T
-                halts_T = stick_law[status, 6] * (closing - vN) + stick_law[status, 7] * less_T
+                halts_N = stick_law[status, 2] * (closing - vN) + stick_law[status, 3] * rest_T
+                halts_T = stick_law[status, 6] * (closing - vN) + stick_law[status, 7] * rest_T
                 if was == SEPARATION:
                     N, T, halts_N, halts_T = N + halts_N, T + halts_T, 0.0, 0.0
             holds = N > 0.0 and abs(T) <= (mu if was == STICK else kinetic) * N
             if len(law) > 0 and holds and was != STICK:
                 # If stick and slip are both possible, slip continues.
                 holds = falling(scene, law, p, u, closing, vT, np.sign(T), slip_rate)[0] < 0.0
+            forward = T > 0.0
+            if rigid and was == SLIP and not np.isnan(scene.after_T):
+                # Where slip passes zero the contact sticks if it can be held: the impulse also takes back what the
+                # friction of the last step has done after that moment.
+                hold_N, hold_T = holding(scene, vN, vT)
+                passed = going_on(scene, law, vN, vT, slip_rate)[0] < 0.0
+                holds = passed and N > 0.0 and abs(hold_T) <= mu * hold_N
+                forward = (scene.last_T > 0.0) != passed
             if holds:
                 contact, before, end_N, end_T = STICK, u, p, u
-                if rigid and N + halts_N > 0.0 and abs(T + halts_T) <= mu * (N + halts_N):
+                within = was == SLIP or abs(T + halts_T) <= mu * (N + halts_N)
+                if rigid and N + halts_N > 0.0 and within:
                     N, T = N + halts_N, T + halts_T
+                    if was == SLIP:
+                        less_N, less_T = N - hold_N, T - hold_T
             else:
                 contact = SLIP
             if was != STICK or contact != STICK:
@@ -292,13 +355,26 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                     anchor = gT + end_T
                 else:
                     before = u + shift if was == STICK else u
-                    way, m = (np.uint64(0), scene.kinetic) if T > 0.0 else (np.uint64(1), -scene.kinetic)
+                    way, m = (np.uint64(0), scene.kinetic) if forward else (np.uint64(1), -scene.kinetic)
                     N = (slip_law[way, 0] * p + slip_law[way, 2] * closing) + slip_law[way, 1] * before
                     if N > 0.0:
                         T, end_N = m * N, p
                         end_T = (slip_law[way, 3] * p + slip_law[way, 5] * vN) + slip_law[way, 4] * before
                         if len(law) > 0:
                             _, N, T, end_T = falling(scene, law, p, before, closing, vT, np.sign(m), slip_rate)
+                        old_T = scene.last_T
+                        if rigid and not np.isnan(old_T) and (was == STICK or T * old_T < 0.0):
+                            # Friction before the change, for that part of the step or back from the last one.
+                            share = locate(scene, law, was, p, stick_N, vN, vT, last_rate)
+                            less_T = (share - 0.5) * (old_T - T)
+                            # Where friction is constant no further than to where slip would turn and be driven.
+                            rate, mobility = vT + M_NT * N + M_TT * T, M_TT - M_NT * M_NT / M_NN
+                            if kept and m * (rate + mobility * less_T) > 0.0:
+                                less_T = -rate / mobility
+                            less_N = -M_NT / M_NN * less_T
+                            if not N + less_N > 0.0:
+                                less_N, less_T = 0.0, 0.0
+                            N, T = N + less_N, T + less_T
                     else:
                         closed, N, T = False, 0.0, 0.0
                         end_N, end_T = relax[0] * p + relax[1] * before, relax[2] * p + relax[3] * before
@@ -338,9 +414,15 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
             scene.max_N = max(scene.max_N, N)
         scene.max_slip = max(scene.max_slip, abs(slip_rate))
         u_N, u_T = end_N, end_T
-        if rigid:
-            scene.after_N, scene.after_T = 2.0 * mean_N - vN, 2.0 * mean_T - vT
         if contact != was:
+            if rigid:
+                # Between the last impulse and this one, whose time counts half for either status so far.
+                share = locate(scene, law, was, p, stick_N, vN, vT, last_rate)
+                t += (share - 1.0) * step
+                longer = (share - 0.5) * step if scene.settle != now else 0.0
+                scene.stick_time += longer * (int(was == STICK) - int(contact == STICK))
+                scene.slip_time += longer * (int(was == SLIP) - int(contact == SLIP))
+                scene.separation_time += longer * (int(was == SEPARATION) - int(contact == SEPARATION))
             if enter(scene, was, contact, t):
                 place = scene.sticks - 1
                 sticks[place, 0], sticks[place, 1] = scene.last_stick, t
@@ -351,6 +433,12 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
             waits = contact == STICK and scene.may_skip != 0
             scene.next_skip = scene.next_sample + at.MIN_SAMPLES * scene.sample_every if waits else at.NEVER
             until = pause(scene, now)
+        if rigid:
+            hold_N, hold_T = holding(scene, vN, vT)
+            scene.last_left = mu * hold_N - abs(hold_T) if was == STICK else np.nan
+            scene.last_T = T - less_T
+            scene.after_N, scene.after_T = 2.0 * mean_N - vN, 2.0 * mean_T - vT
+            scene.last_p, scene.last_N = p, N
         if now == due:
             speed += scene.point_B[0] * impulse_N + scene.point_B[1] * impulse_T
             power += (power_N + scene.damped_by[0] * impulse_N) * impulse_N
@@ -362,17 +450,19 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                 samples[place, 5], samples[place, 6] = scene.sum_N, scene.switches
                 scene.samples += 1
                 scene.next_sample += scene.sample_every
-                scene.damped += scene.sample_every * step * power
                 if scene.threshold < np.inf and (contact != STICK or abs(T) > scene.threshold * N):
                     scene.stopped = 1
                     until = now
+            if scene.next_energy == now:
+                scene.damped += scene.energy_every * step * power
+                scene.next_energy += scene.energy_every
             if scene.next_row == now:
                 place = scene.rows
-                rows[place, 0], rows[place, 1], rows[place, 2] = t, speed, N
-                rows[place, 3], rows[place, 4], rows[place, 5] = T, slip_rate, contact
+                rows[place, 0], rows[place, 1], rows[place, 2] = (now + 0.5) * step, speed, N - less_N
+                rows[place, 3], rows[place, 4], rows[place, 5] = T - less_T, slip_rate, contact
                 scene.rows += 1
                 scene.next_row += scene.row_every
-            due = min(scene.next_sample, scene.next_row)
+            due = min(scene.next_sample, scene.next_row, scene.next_energy)
         if len(tangent) > 0:
             d = tangent[0][0]
             last_N, last_T = d.impulse_N, d.impulse_T

@@ -46,6 +46,8 @@ from fivcore.transient.stepped import duplicate
 SHORT_SEGMENT, LONG_SEGMENT = 0.04, 0.25
 # Their usual steps at most, and all that they may need, each with room in memory for a stick; so long is a record.
 MOST_STEPS, MOST_ROOM = 1_000_000, 1e8
+# Share of a mode's energy, as a power of e, that may be lost between two samples of the dissipation.
+FAST_DECAY = 0.25
 # Rows of a record that are handed over at once, about.
 MOST_ROWS = 10_000
 # Phases of a run, in order: while the drive starts; until the contact is about to slip; the onset with the finer
@@ -61,13 +63,13 @@ class FastRun:
     def __init__(self, scene: Normalised, options: Options) -> None:
         self.scene, self.options = scene, options
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
-        self.step = model.default_step if options.step is None else options.step
+        self.step = default_step(model, scene, options.duration) if options.step is None else options.step
         limit, what = model.largest_step, "the contact"
         if model.default_step < self.step <= limit and not stable(model, scene.mu, self.step):
             limit, what = largest_stable_step(model, scene.mu, self.step), f"slip with mu = {scene.mu:g}"
         if self.step > limit:
             raise SceneValueError(
-                f"step = {self.step:g}: with this rig and cut-off it must be at most {at_most(limit, 3)} s;"
+                f"step = {self.step:g}: with these modes it must be at most {at_most(limit, 3)} s;"
                 f" beyond, {what} is unstable"
             )
         check_falling(model, scene, self.step)
@@ -75,7 +77,7 @@ class FastRun:
         if self.step < least:
             what, damping = f"step = {self.step:g}: it must be at least {least:g} s", float(model.damping.max())
             if options.step is None and self.step * damping > 1.0:
-                what = f"Rig: d1 = {scene.rig.d1:g}, d2 = {scene.rig.d2:g}: d1 + d2 omega^2 = {damping:.4g} of the"
+                what = f"d1 = {scene.rig.d1:g}, d2 = {scene.rig.d2:g}: d1 + d2 omega^2 = {damping:.4g} of the"
                 what += f" fastest mode must be at most {at_most(2.0 / least, 3)} 1/s"
             raise SceneValueError(f"{what} over this duration, or a segment has more than {MOST_ROOM:g} steps")
         # The run goes no further than to step `pause`, which may move.
@@ -100,7 +102,7 @@ class FastRun:
         self.rate = 1.0 / (self._sample_every * self.step)
         self.may_settle = options.end_early and bool(model.K.any()) and law.constant
         self._short, self._long = SHORT_SEGMENT * scene.rig.time_unit, LONG_SEGMENT * scene.rig.time_unit
-        self._length = self._short
+        self._length, self._fine_energy = self._short, False
         # The step at which the phase ends, if nothing has ended it, and that at which its segment ends, which a
         # record may cut into several.
         self._phase, self._ends, self._until = RAMP, int(self._ramp / self.step), 0
@@ -217,7 +219,8 @@ class FastRun:
         put(self.blocks, self.places, at.V, v)
         record["g_N"], record["g_T"] = model.normal @ q, model.tangential @ q
         record["v_N"], record["v_T"] = model.normal @ v, model.tangential @ v
-        record["after_N"] = record["after_T"] = np.nan
+        for name in ("after_N", "after_T", "last_p", "last_N", "last_T", "last_left"):
+            record[name] = np.nan
         record["p_rest"] = self._solver.at_rest[0]
         record["T_rest"] = self._solver.at_rest[1] + model.tangential @ self._shift
 
@@ -268,6 +271,9 @@ class FastRun:
         grid = at.MAX_SKIP * every
         if now >= self._until:
             self._until = self._segment_end(now, grid)
+            # In the first segments a start that is no rest may decay within less than a sample.
+            decay = float(self._coarse.model.damping.max()) * self._coarse.model.interval
+            self._fine_energy = self.time < self._short and decay > FAST_DECAY
         if self._phase in (BEFORE_SLIP, MOTION) and self.options.skip and now * self.step >= self._ramp:
             self._tables = skip_tables(solver.model, solver.step, every)
         last = self._until
@@ -278,6 +284,8 @@ class FastRun:
         record["threshold"] = self._share * self.scene.mu if self._phase == BEFORE_SLIP else np.inf
         record["until_open"] = self._phase == CLOSED
         record["sample_every"], record["next_sample"] = every, -(-now // every) * every
+        energy = 1 if self._fine_energy else every
+        record["energy_every"], record["next_energy"] = energy, -(-now // energy) * energy
         record["row_every"], record["next_row"] = rows, -(-now // rows) * rows if rows else at.NEVER
         record["may_skip"] = self._tables is not NONE
         if self._tables is NONE:
@@ -460,6 +468,19 @@ class FastRun:
         moving = self.blocks[:, at.Q : at.V + 1]
         moving[np.abs(moving) < floor] = 0.0
         return bool(np.isfinite(moving).all())
+
+
+def default_step(model: ReducedModel, scene: Normalised, duration: float) -> float:
+    """Step of a run, s; a rigid contact, whose step follows the modes alone, may need a shorter one.
+
+    It is at most a hundredth of the duration, and a quarter of the time V / (mu N / m) in which friction takes the
+    contact's mass along, or where that is very short, 1e-4 of what the modes need.
+    """
+    step = model.default_step
+    if model.K.any() or isinstance(scene.rig, Rig):
+        return step
+    catching = scene.speed_per_load / max(scene.mu * float(model.W[1, 1]), 1e-300)
+    return min(step, max(0.25 * catching, 1e-4 * step), 0.01 * duration)
 
 
 def check_falling(model: ReducedModel, scene: Normalised, step: float) -> None:

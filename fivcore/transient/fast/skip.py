@@ -334,7 +334,7 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
         rows[place, 4], rows[place, 5] = 0.0, STICK
         scene.rows += 1
         scene.next_row += scene.row_every
-    scene.now = scene.next_sample = scene.next_skip = goal
+    scene.now = scene.next_sample = scene.next_energy = scene.next_skip = goal
     # Go on at once where a segment may end, so that it changes nothing whether it does.
     if goal % most != 0:
         scene.next_skip += at.MIN_SAMPLES * every

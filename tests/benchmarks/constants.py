@@ -1,0 +1,175 @@
+"""Constants that decide the motion, each with the measurement behind it: `python -m tests.benchmarks constants`.
+
+Shares of time are compared with those by four times the cut-off. Motion is chaotic: members differ by the ramp,
+and what counts is by how much a difference exceeds two standard errors. `--full` measures more scenes. Half of the
+rigs are those of `drawn_scene(2010, number)` that the defaults were chosen with, the others are new.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import count, islice
+from typing import Any
+
+import numpy as np
+
+from fivcore import Friction, Rig, Scene, simulate, simulate_many
+from fivcore.contact import reduced
+from fivcore.errors import ContactError, SceneError
+from fivcore.jit import Array
+from fivcore.structure import MOTION_MODES, motion_cutoff
+from fivcore.transient import summary
+from fivcore.transient.normalised import Normalised, loading_time
+from studies.accuracy.rigs import drawn_scene
+from studies.gallery.classics import belted, cycle
+from tests.helpers import meshes
+
+SHARES = ("stick_fraction", "slip_fraction", "separation_fraction")
+# Members of a scene, their least and longest time, and that in loading times.
+MEMBERS, LEAST, LONGEST, LOADS = 3, 0.5, 3.0, 25.0
+
+
+def shares(scene: Scene, **options: Any) -> tuple[Array, Array, list[Any]]:
+    """Mean shares of the members, (3,), their standard errors, and the summaries."""
+    load = loading_time(Normalised.of(scene))
+    ramps = [min(1e-3, 0.1 * load) * (1.0 + 0.37 * k) for k in range(MEMBERS)]
+    runs = simulate_many([scene] * MEMBERS, float(np.clip(LOADS * load, LEAST, LONGEST)), ramp=ramps, **options)
+    for run in runs:
+        if isinstance(run, SceneError):
+            raise run
+    found = np.array([[run.summary[name] for name in SHARES] for run in runs])
+    return found.mean(axis=0), found.std(axis=0, ddof=1) / np.sqrt(MEMBERS), [run.summary for run in runs]
+
+
+def apart(one: tuple[Array, Array, Any], other: tuple[Array, Array, Any]) -> tuple[float, float]:
+    """Largest difference of a share, and how far it exceeds two standard errors."""
+    difference, error = np.abs(one[0] - other[0]), 2.0 * np.hypot(one[1], other[1])
+    return float(difference.max()), float(max((difference - error).max(), 0.0))
+
+
+def rigs(number: int) -> Iterator[Scene]:
+    """Scenes of random rigs, in halves: those that the defaults were chosen with, and new ones."""
+    for k in range(number):
+        yield drawn_scene(2010, k // 2) if k % 2 == 0 else drawn_scene(2026, k // 2)
+
+
+def line(label: str, found: list[tuple[float, float]]) -> str:
+    """Mean and largest error, and how many scenes are further off than 0.02 and two standard errors."""
+    raw, beyond = np.array(found).T
+    missed = int((beyond > 0.02).sum())
+    return f"  {label:18}{raw.mean():8.4f}{raw.max():8.3f}{beyond.max():8.3f}{missed:5d} of {len(raw)}"
+
+
+HEAD = f"  {'':18}{'mean':>8}{'most':>8}{'beyond':>8}   further than .02 beyond 2 standard errors"
+
+
+def damped(ratio: float) -> Callable[[Any], Any]:
+    """A change of the damping ratio of the contact."""
+    return lambda model: replace(model, C=ratio / reduced.DAMPING * model.C)
+
+
+def rig_constants(full: bool) -> Iterator[str]:
+    """SHARE of `LEAST_CUTOFF`, `DAMPING`, and the expected error of the shares."""
+    variants: dict[str, Any] = {f"SHARE {share:g}": share for share in (0.64, reduced.SHARE, 1.0)}
+    ratios = (0.03, 0.045, reduced.DAMPING, 0.09)
+    errors: dict[str, list[tuple[float, float]]] = {name: [] for name in variants}
+    errors |= {f"DAMPING {ratio:g}": [] for ratio in ratios}
+    expected, scenes = [], list(rigs(40 if full else 6))
+    for scene in scenes:
+        usual = reduced.default_cutoff(scene.rig)
+        reference = shares(scene, cutoff=4.0 * usual)
+        for name, share in variants.items():
+            errors[name].append(apart(shares(scene, cutoff=share / reduced.SHARE * usual), reference))
+        for ratio in ratios:
+            run = shares(scene, cutoff=usual, modify=damped(ratio))
+            errors[f"DAMPING {ratio:g}"].append(apart(run, reference))
+        own = shares(scene)
+        error, scatter = apart(own, reference)[0], 2.0 * float(np.hypot(own[1], reference[1]).max())
+        guess = float(np.nanmean([each["cutoff_error"] for each in own[2]]))
+        expected.append((error, guess, scatter))
+    yield f"LEAST_CUTOFF = {reduced.LEAST_CUTOFF:g}, SHARE = {reduced.SHARE:g}, DAMPING = {reduced.DAMPING:g}:"
+    yield f"  errors of shares of time on {len(scenes)} random rigs, half of them new"
+    yield HEAD
+    yield from (line(name, found) for name, found in errors.items())
+    within = sum(e < 2.0 * g + s for e, g, s in expected)
+    yield f"CUTOFF_ERROR = {summary.CUTOFF_ERROR:g}, UNSTEADY = {summary.UNSTEADY:g}:"
+    yield f"  at {within} of {len(expected)} the error is below twice the expected one and two standard errors;"
+    means = np.nanmean(expected, axis=0)
+    yield f"  mean error {means[0]:.4f}, expected {means[1]:.4f}"
+
+
+def vibrating(number: int, kinds: tuple[int, ...] = (0, 1)) -> list[tuple[int, Scene]]:
+    """The first scenes of random meshes of some of `meshes.KINDS` that vibrate."""
+    scenes = ((seed, meshes.vibrating(seed)) for seed in count() if seed % 3 in kinds)
+    return list(islice(((seed, scene) for seed, scene in scenes if scene is not None), number))
+
+
+def by_modes(seed: int, scene: Scene, numbers: tuple[int, ...]) -> dict[int, tuple[float, float]]:
+    """Errors with so many modes that move the gaps, beside four times the default cut-off, or what there is."""
+    own = scene.rig
+    default = own.cutoff or float(own.motion.frequency[-1])
+    wide = meshes.structure(seed, 4.2 * default)
+    top = min(4.0 * default, float(wide.frequency[-4]))
+    scene, found = replace(scene, rig=wide), {}
+    try:
+        reference = shares(scene, cutoff=top)
+    except ContactError:
+        # With more modes the contact force is not unique.
+        return {}
+    for number in numbers:
+        cutoff = motion_cutoff(wide, len(wide.frequency), number)
+        if cutoff is not None and cutoff < 0.7 * top:
+            found[number] = apart(shares(scene, cutoff=cutoff), reference)
+    return found
+
+
+def structure_constants(full: bool) -> Iterator[str]:
+    """`MOTION_MODES`, and the expected error of a structure's shares."""
+    numbers = (24, 30, MOTION_MODES, 50) if full else (MOTION_MODES,)
+    yield f"MOTION_MODES = {MOTION_MODES}, OWN_CUTOFF_ERROR = {summary.OWN_CUTOFF_ERROR:g}:"
+    yield "  errors of shares of time on structures of random meshes"
+    yield HEAD
+    # Of strips the modes are dense, and the contact's dashpot outweighs a weak flutter.
+    for scenes in (vibrating(30 if full else 4), vibrating(5, (2,)) if full else []):
+        errors: dict[int, list[tuple[float, float]]] = {number: [] for number in numbers}
+        for seed, scene in scenes:
+            for number, found in by_modes(seed, scene, numbers).items():
+                errors[number].append(found)
+        names = ", strips" if scenes and scenes[0][0] % 3 == 2 else ""
+        yield from (line(f"{number} modes{names}", found) for number, found in errors.items() if found)
+
+
+def belts(step: float, full: bool) -> tuple[float, float]:
+    """Largest relative errors of period and stick time of a block on a belt, rational law and a jump."""
+    errors = []
+    speeds = (0.05, 0.1, 0.2, 0.4, 0.8) if full else (0.2,)
+    cases: list[Any] = [(V, Friction(0.0, 1.0 / 3.0, "rational")) for V in speeds]
+    for V, law in [*cases, (0.2, Friction(0.5, 0.0)), (0.25, Friction(0.5, 0.0))]:
+        slip, stick, _ = cycle(V, law) if law.decay_speed else (2.0 * (np.pi - np.arctan(0.5 / V)), 1.0 / V, None)
+        scene, start = belted(V, law)
+        how: dict[str, Any] = {"ramp": 0.0, "settle": 0.0, "min_stick": 0.5, "initial": start, "step": step}
+        run = simulate(scene, 1.0 / V + 12.0 * (slip + stick), **how).summary
+        periods, sticks = np.diff(run["stick_starts"]), run["stick_times"]
+        errors.append((np.abs(periods / (slip + stick) - 1.0).max(), np.abs(sticks / stick - 1.0).max()))
+    return tuple(np.max(errors, axis=0).tolist())
+
+
+def step_constants(full: bool) -> Iterator[str]:
+    """`FEW_STEP` by belts, `STEP` by the energy of the paper's rig."""
+    yield f"FEW_STEP = {reduced.FEW_STEP:g} (MANY_STEP = {reduced.MANY_STEP:g}): largest relative error on belts"
+    yield f"  {'step times omega':18}{'period':>10}{'stick':>10}"
+    for step in (0.1, 0.02, 0.01, reduced.FEW_STEP, 0.0025):
+        yield "  {:<18g}{:10.1e}{:10.1e}".format(step, *belts(step, full))
+    yield f"STEP = {reduced.STEP:g}: energy residual of the paper's rig at 2 mm/s"
+    scene, usual = Scene(2e-3, 5.0, 0.2, 9.0), reduced.reduced_model(Rig(), 5.0).default_step
+    for share in (0.5, 1.0, 1.05, 1.1):
+        run = simulate(scene, 2.0 if full else 0.5, step=share * usual).summary
+        yield f"  {share * reduced.STEP:<18.3g}{run['energy_residual']:10.1e}"
+
+
+def show(full: bool) -> None:
+    """Print all tables."""
+    for part in (step_constants, structure_constants, rig_constants):
+        for text in part(full):
+            print(text, flush=True)

@@ -1,0 +1,52 @@
+"""Studies of structures of one's own: default ranges, and what a failed point says."""
+
+import numpy as np
+import pytest
+
+from fivcore import Structure, flutter_onsets
+from studies import registry
+
+
+def drawn(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 7))
+    load = -rng.uniform(0.2, 1.0, n)
+    frequency = np.sort(rng.uniform(100.0, 5000.0, n))
+    return Structure.from_modes(
+        frequency, -load, rng.normal(size=n), load=load, damping_ratio=rng.uniform(1e-3, 0.02, n)
+    )
+
+
+@pytest.mark.parametrize("name", ["fig5", "hysteresis", "basins", "regimes"])
+def test_a_default_range_of_friction_lies_around_the_first_onset(name):
+    study, met = registry.load(name), 0
+    for seed in range(12):
+        own = drawn(seed)
+        found = flutter_onsets(own, 0.0, mu_max=10.0)
+        first = np.nanmin([*found.mu, *found.entry_mu, found.divergence_mu])
+        sweep = study.sweep({}, structure=own.to_dict())
+        mu = (sweep.grid.axes.get("mu") or sweep.coords["mu"]).values
+        usual = study.parameters["mu"].default
+        if np.isfinite(first):
+            met += 1
+            np.testing.assert_allclose(mu / first, usual / 0.11123, rtol=6e-3)
+            assert mu.min() < first < mu.max()
+        else:
+            np.testing.assert_array_equal(mu, usual)
+    assert met > 3
+
+
+def test_a_range_that_is_given_stays():
+    sweep = registry.load("regimes").sweep({"mu": [0.1, 0.2]}, structure=drawn(0).to_dict())
+    np.testing.assert_array_equal(sweep.grid.axes["mu"].values, [0.1, 0.2])
+
+
+def test_a_failed_point_names_no_scaled_scene():
+    study = registry.load("scenes")
+    # Beyond the friction at which the contact force is not unique.
+    data = study.sweep({"V": [0.2], "theta": [60.0], "mu": [0.1, 9.0], "F": [500.0], "duration": 0.01})
+    with pytest.warns(UserWarning, match="1 of 2 points failed"):
+        data = data.plan().run("sync")
+    error = str(data["error"].sel(mu=9.0).item())
+    assert "not unique" in error
+    assert "scene V" not in error
