@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Rig, Structure, checks, flutter_onsets
+from fivcore import Rig, Structure, checks, flutter_onsets, painleve_mu
 from fivcore.errors import SceneError
 from studies import paper
 from studies.motion import scenes, series
@@ -319,7 +319,7 @@ class Study:
             left["theta"] = replace(theta, default=np.zeros(1) if theta.is_axis else 0.0)
         mu = left.get("mu")
         if mu and np.ndim(mu.default) and "mu" not in requested:
-            left["mu"] = replace(mu, default=mu.default * _onset_ratio(own))
+            left["mu"] = replace(mu, default=mu.default * _scale_of_friction(own, float(np.max(mu.default))))
         if cutoff := left.get("cutoff"):
             left["cutoff"] = replace(cutoff, default=None)  # another default is for the paper's beams
         return left
@@ -442,15 +442,20 @@ class Study:
                 raise InputError(str(problem)) from problem
 
 
-def _onset_ratio(own: Structure) -> float:
-    """The first onset of a structure, of flutter or divergence, over that of the paper's rig; 1 without one."""
-    papers = flutter_onsets(Rig(), paper.THETA).mu[0]
+def _scale_of_friction(own: Structure, most: float) -> float:
+    """The first onset of a structure, of flutter or divergence, over that of the paper's rig; 1 without one.
+
+    Times `most` it stays below the friction at which the contact force is no longer unique.
+    """
+    papers, limit = flutter_onsets(Rig(), paper.THETA).mu[0], np.inf
     try:
         found = flutter_onsets(own, 0.0, mu_max=MOST_FRICTION)
-    except ArithmeticError:
+        limit = painleve_mu(own, 0.0)
+    except (ArithmeticError, SceneError):
         return 1.0
     first = min([*found.mu, *found.entry_mu, np.nan_to_num(found.divergence_mu, nan=np.inf)])
-    return float(f"{first / papers:.3g}") if np.isfinite(first) else 1.0
+    ratio = min(first / papers if np.isfinite(first) else 1.0, 0.9 * limit / most)
+    return float(f"{ratio:.3g}")
 
 
 def _chosen(signature: Mapping[str, inspect.Parameter], values: Mapping[str, Any]) -> dict[str, Any]:

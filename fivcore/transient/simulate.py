@@ -59,8 +59,8 @@ def simulate(
     duration : float or Until
         Simulated time, s, or what ends the run.
     method : {"fast", "exact", "paper"}
-        Symmetric steps of second order of the reduced model; the same model driven from event to event, 750 times
-        slower for the paper's rig and 3,000 to 9,000 times where friction falls with the speed; the published
+        Symmetric steps of second order of the reduced model; the same model driven from event to event, some
+        600 times slower for the paper's rig, and more where friction falls with the speed; the published
         scheme (Newmark with the friction law of Prakash and Clifton) on all modes.
     numerical_damping : {"published", "none"}, optional
         "published": with the stiffness damping that the published scheme adds of its own, (beta2 - 1/2) times its

@@ -94,7 +94,8 @@ def test_a_broken_executor_is_named_and_the_same_run_resumes(path, tmp_path):
     log.unlink()
     before = children()
     assert_right(plan.run(COPIES), failed=(7.0, 22.0))
-    assert len({*log.read_text().split()}) == plan.todo - 1
+    computed = log.read_text() if log.exists() else ""  # all but the deadly point may have been stored
+    assert len({*computed.split()}) == plan.todo - 1
     assert children() == before
     assert open_results(path)["error"].values[22] == DIED
 

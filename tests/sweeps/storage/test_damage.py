@@ -12,7 +12,7 @@ import xarray as xr
 from sweeps import InputError, StoreError, Variable, open_results, status
 from sweeps.errors import UNREADABLE
 from sweeps.storage.parts import SMALL, BatchResult, Failure, Manifest, Packed, PartWriter, pack
-from sweeps.storage.store import TRAILER, Store
+from sweeps.storage.store import TRAILER, Store, signature
 from tests.helpers.waves import GRID, LOG, NAMES, interrupted, sweep
 
 GROWN = GRID | {"x": np.arange(1.0, 7.0)}
@@ -131,11 +131,11 @@ def attempts(path):
 def test_without_a_usable_manifest_a_run_is_refused_and_deletes_nothing(half, change, told):
     change(half.manifest)
     change(half.manifest.with_suffix(".copy"))
-    before = {each: each.stat() for each in half.parts.iterdir()}
+    before = {each: signature(each) for each in half.parts.iterdir()}
     for attempt in attempts(half.file):
         with pytest.raises((StoreError, InputError), match=f"^{half.parts}.*{told}[^\n]*$"):
             attempt()
-    assert {each: each.stat() for each in half.parts.iterdir()} == before
+    assert {each: signature(each) for each in half.parts.iterdir()} == before
     assert np.all(sweep().plan(half.file, fresh=True).run()["status"] == 1)
 
 
