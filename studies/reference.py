@@ -67,6 +67,7 @@ def compared(study: Study, dataset: xr.Dataset, reference: xr.Dataset) -> str:
         if variable.dtype.kind == "f"
         and name in dataset
         and name != "wall_time"
+        and 0 not in (variable.size, dataset[name].size)
         and paired.issuperset(variable.dims)
         and dataset[name].dims == variable.dims
         and (not study.chaotic or tolerance(str(name)))

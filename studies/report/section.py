@@ -211,6 +211,9 @@ def points(study: Study, dataset: xr.Dataset, file: Path) -> dict[str, Any]:
     if wider and not any(set(v.dims) == set(dims) for name, v in variables.items() if name not in STATE):
         # Results that have a further dimension only, such as modes, have a row for each of its entries.
         dims += [str(dim) for dim in wider.most_common(1)[0][0] if dim not in dims]
+        # Entries that no point has are room in the file.
+        for dim in dims[len(status.dims) + len(inner) :]:
+            dataset = dataset.dropna(dim, how="all", subset=[n for n, v in variables.items() if dim in v.dims])
     chosen = [str(name) for name, coord in dataset.coords.items() if coord.dims and set(coord.dims) <= set(dims)]
     chosen += [name for name, v in variables.items() if set(status.dims) <= set(v.dims) <= set(dims)]
     strides = dict.fromkeys(dims, 1)
