@@ -77,8 +77,11 @@ def structure(file: str, out: str | None, fmax: str, mu: float) -> None:
         show("\n".join(_onsets(onsets, band, mu)))
     except ArithmeticError as problem:
         show(f"flutter onsets: they could not be computed: {problem}")
-    if (limit := painleve_mu(own, 0.0)) <= mu:
-        show(f"the contact force is not unique from mu = {limit:.5g} on (Painlevé's paradox)")
+    try:
+        if (limit := painleve_mu(own, 0.0)) <= mu:
+            show(f"the contact force is not unique from mu = {limit:.5g} on (Painlevé's paradox)")
+    except ValueError as problem:
+        show(f"no motion: {problem}")
     show("\n".join(hints(own)), end="\n" if any(hints(own)) else "")
     target = results_folder(out) / "structure" / f"{Path(file).stem}.png"
     with figures.style(), written(target) as temporary:

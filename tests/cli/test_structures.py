@@ -115,6 +115,30 @@ def test_what_was_read_is_shown(here, pin, tmp_path):
     assert "hint" not in done.stdout
 
 
+@pytest.mark.parametrize(
+    ("modes", "told"),
+    [
+        ([(500.0, 0.4, -0.9, -0.4)], "no motion: normal, tangential: they are parallel"),
+        (
+            [(500.0, 0.4, -0.9, 0.0), (900.0, 0.3, 0.9, 0.0), (1900.0, 0.0, 0.9, -0.2)],
+            "no motion: load: it does not",
+        ),
+        (
+            [(500.0, 0.4, -0.9, -0.4), (800.0, 0.1, -0.7, -0.1), (1700.0, 0.4, -0.4, 0.0)],
+            "not unique from mu = 0.559",
+        ),
+    ],
+)
+def test_stability_is_shown_of_what_cannot_move(here, tmp_path, modes, told):
+    names = ("frequency", "normal", "tangential", "load")
+    rows = ", ".join(f"{{{', '.join(f'{n} = {v}' for n, v in zip(names, each, strict=True))}}}" for each in modes)
+    (tmp_path / "own.toml").write_text(f"damping_ratio = 0.002\nmode = [{rows}]\n")
+    done = here("structure", "own.toml")
+    assert (done.returncode, done.stderr) == (0, "\nwritten: results/structure/own.png\n")
+    assert told in done.stdout
+    assert "jams: growth without oscillation from mu = " in done.stdout
+
+
 def test_wrong_units_and_rows_are_hinted_at(pin, tmp_path):
     assert not list(hints(pin))
     (hint,) = hints(Structure.read(by_matrices(tmp_path, pin, 1e3)))
