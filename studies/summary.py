@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from studies import claims, labels
-from studies.motion import above
+from studies.motion import above, mixed
 from studies.parameters import RIG, SCENE
 from studies.results import settings, structure_in
 from sweeps import DONE, FAILED, PENDING
@@ -60,6 +60,7 @@ def parts(study: Study, dataset: xr.Dataset) -> Iterator[Any]:
     if len(beside):
         yield "Beside the paper", beside
     yield from above.told(dataset)
+    yield from mixed.told(dataset)
     yield from failures(dataset)
 
 
