@@ -337,7 +337,7 @@ def statuses(model: ReducedModel, mu: float, slipping: float) -> tuple[Status, .
 
 
 def _moving(model: ReducedModel, which: int) -> tuple[Array, Array, list[int]]:
-    """What moves freely in a status: shapes of modes (n, h), their frequencies (h,), rad/s, and entries of u.
+    """Shapes (n, h) and frequencies (h,), rad/s, of the modes that are free in a status, and its entries of u.
 
     In rigid contact they are the modes of the structure held at the contact; else those of the model, of which in
     separation a rigid one is part of d.

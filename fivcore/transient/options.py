@@ -225,7 +225,7 @@ def _times(sample_times: Any, names: tuple[str, ...], start: float, duration: fl
 
 
 def seen(scene: Normalised) -> Any:
-    """What mirrored scenes of one motion share: the inclination as the drive sees it, or the structure."""
+    """The normalised inclination of a rig, or the structure: equal for a scene and its mirror image."""
     return scene.theta if isinstance(scene.rig, Rig) else scene.rig
 
 

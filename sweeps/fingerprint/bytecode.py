@@ -1,4 +1,4 @@
-"""What compiled code and values consist of: code without its docstring and positions, values by their pickles."""
+"""Digests of compiled code, without docstring and positions, and the parts of values, by their pickles."""
 
 import dis
 import random

@@ -44,7 +44,7 @@ def test_the_contacts_damping_ratio_is_what_it_should_be(make):
 
 
 @given(st.floats(-6.0, 0.5), st.floats(0.0, 2.0), st.booleans())
-@settings(max_examples=40)
+@settings(max_examples=60)
 def test_free_motion_backwards_undoes_free_motion(exponent, damping, free):
     """Of a mode with phase 10^exponent and `damping` in a step."""
     stiffness = np.array([0.0 if free else (10.0**exponent / 1e-6) ** 2])
@@ -69,7 +69,7 @@ def sawtooth(omega, damping, step):
 
 
 @given(st.floats(0.05, 2.5), st.floats(0.0, 1.0))
-@settings(max_examples=40)
+@settings(max_examples=60)
 def test_what_impulses_miss_is_what_a_sawtooth_lacks(phase, decay):
     step = 2e-6
     square, damping = (phase / step) ** 2, decay / step

@@ -117,11 +117,11 @@ def exactly(V, data, k, time=200.0):
     return run.summary["regime"] == "steady sliding"
 
 
-def test_exact_motion_of_two_starts_of_each_kind_has_the_same_labels():
+def test_exact_motion_of_ten_starts_has_the_same_labels():
     data = drawn(1.7, 256)
-    steady = data["label"].values == STEADY
-    for kind in (True, False):
-        assert [exactly(1.7, data, k) for k in np.flatnonzero(steady == kind)[:2]] == [kind] * 2
+    steady = data["label"].values[:10] == STEADY
+    assert {*steady} == {True, False}
+    assert [exactly(1.7, data, k) for k in range(10)] == steady.tolist()
 
 
 @pytest.mark.slow

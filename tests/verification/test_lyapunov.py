@@ -131,7 +131,6 @@ def test_steady_sliding_has_minus_the_least_damping():
     assert abs(found.value - least) < 3.0 * found.standard_error
 
 
-@pytest.mark.slow  # quick: steady sliding, neighbours, the mean of a map
 def test_a_limit_cycle_has_none():
     """Stick and slip at some 50 Hz, by friction that falls with speed; chaos on the same rig has hundreds."""
     found = lyapunov_exponent(Scene(0.1, -5.0, 0.2, 9.0, friction=Friction(0.9, 0.2)), 8.0)

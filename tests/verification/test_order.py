@@ -91,7 +91,6 @@ def test_fast_converges_with_order_two_without_dashpot_and_in_rigid_contact(modi
     assert np.all(errors[:-1] / errors[1:] > 8.0), errors
 
 
-@pytest.mark.slow  # quick: the same order by single motions, above, and the energy in test_balances
 def test_switches_and_energy_converge_as_the_step_goes_to_zero():
     """Changes of contact state per second: first order, a tenth too few at 1 us; the energy residual, second.
 

@@ -122,12 +122,12 @@ def test_a_change_in_one_corner_is_found_as_often_as_the_message_says(stored):
     """One of 24 points differs; a choice of 6 of them has it with a probability of 1/4."""
     changed = of(CORNER)
     found = 0
-    for seed in range(60):
+    for seed in range(200):
         plan = changed.plan(stored, adopt=Adopt(6, seed))
         found += 23 in plan.adoption.points
         assert len(set(plan.adoption.points.tolist())) == 6
     # Four standard deviations of a binomial distribution.
-    assert abs(found / 60 - 0.25) < 4.0 * np.sqrt(0.25 * 0.75 / 60)
+    assert abs(found / 200 - 0.25) < 4.0 * np.sqrt(0.25 * 0.75 / 200)
     hit = next(seed for seed in range(99) if 23 in changed.plan(stored, adopt=Adopt(6, seed)).adoption.points)
     with pytest.raises(StoreError, match=r"at x = 7\.0, y = 3\.0 z = 10\.0 there, 10\.000000001 with"):
         changed.plan(stored, adopt=Adopt(6, hit)).run("sync")

@@ -57,7 +57,7 @@ def content(packed):
     return packed.header, packed.names, arrays
 
 
-@pytest.mark.parametrize(("rows", "count"), [(2, 150), (10_000, 10)])
+@pytest.mark.parametrize(("rows", "count"), [(2, 500), (10_000, 30)])
 def test_a_flipped_bit_of_a_part_is_noticed_or_changes_nothing(tmp_path, rows, count):
     writer = PartWriter(tmp_path, {"y": Variable(digits=4)}, "token")
     result = BatchResult({"y": np.linspace(0.0, 1.0, rows)}, np.ones(rows), {1: Failure("no", "here", "again")})
