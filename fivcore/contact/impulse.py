@@ -42,7 +42,7 @@ def at_impulses(stiffness: Array, damping: Array, step: float) -> tuple[Array, A
     """
     decay, spring = 0.5 * damping * step, stiffness * step**2
     phase, small = np.sqrt((spring - decay**2).astype(complex)), spring < SMALL**2
-    safe = np.where(np.abs(phase) < 1e-6, 1e-6, phase)
+    safe = np.where(phase == 0.0, 1e-30, phase)
     left = np.exp(-decay)
     sine = left * (np.sin(safe) / safe).real
     # Determinant of the identity less one step's flow, without cancellation.

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
@@ -69,6 +69,8 @@ def sawtooth(omega, damping, step):
 
 
 @given(st.floats(0.05, 2.5), st.floats(0.0, 1.0))
+@example(0.05, 0.1)  # critical damping
+@example(0.5, 1.0)
 @settings(max_examples=60)
 def test_what_impulses_miss_is_what_a_sawtooth_lacks(phase, decay):
     step = 2e-6
