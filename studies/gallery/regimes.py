@@ -303,7 +303,7 @@ def _draw_regimes(axes: Axes, point: xr.Dataset, x: str, y: str) -> list[Any]:
             places = [(1e3 * V, paper.MU) for V, regime in paper.VIBRATION.items() if regime == kind]
             look = rim | {"marker": marker, "color": "white", "markersize": 6.0, "label": f"paper: {kind}"}
             handles += planes.marks(axes, places, **look)
-    return handles
+    return handles + planes.mark_mixed(axes, point, x, y)
 
 
 def _draw_onset(axes: Axes, point: xr.Dataset, x: str, y: str) -> bool:
@@ -337,6 +337,7 @@ def _draw_shades(axes: Axes, point: xr.Dataset, x: str, y: str, name: str) -> No
     bar.outline.set_visible(False)
     figures.one_two_five(bar.ax.xaxis)
     _draw_onset(axes, point, x, y)
+    planes.mark_mixed(axes, point, x, y)
 
 
 def _quantity(point: xr.Dataset, name: str) -> xr.DataArray:
@@ -352,6 +353,7 @@ def _draw_along(point: xr.Dataset, x: str, about: str) -> Figure:
     for axes, name in zip(panels, QUANTITIES, strict=True):
         spread = labels.readable(point[f"{name}_std"]).values
         planes.along(axes, values, _quantity(point, name).values, codes, spread)
+        planes.draw_mixed(axes, point, x, name)
         if x == "mu" and np.isfinite(point["onset_mu"]):
             axes.axvline(float(point["onset_mu"]), **ONSET, label=f"onset of flutter {BELOW}")
         axes.set_ylabel(figures.fitted(labels.label(point[name]), 6.0))
