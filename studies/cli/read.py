@@ -180,7 +180,7 @@ def query(target: str, out: str | None, form: str, units: bool, **which: Any) ->
         dataset = results.open_dataset(file)
         frame = rows.select(dataset, note=lambda line: say(f"fiv: {line}"), **which)
         text = rows.text(frame, form, units)
-        lines = [*mixed.told(dataset)] if "motion" not in frame else []
+        lines = [] if {"motion", "member"} & {*frame} else [*mixed.told(dataset, 0)]
     show(text, end="", raw=form != "table" and not sys.stdout.isatty())
     for line in lines:
         say(f"fiv: {line}")

@@ -91,18 +91,20 @@ def mixed(dataset: xr.Dataset) -> xr.DataArray:
     return dataset["motions"] > 1 if "motions" in dataset else xr.zeros_like(dataset["status"], dtype=bool)
 
 
-def told(dataset: xr.Dataset) -> Iterator[str]:
+def told(dataset: xr.Dataset, named: int = NAMED) -> Iterator[str]:
     """One line on the points whose realisations follow different motions, with the motions of the first ones."""
     places = np.argwhere(mixed(dataset).values)
     if len(places):
-        dims = dataset["status"].dims
-        points = [dataset.isel(dict(zip(dims, place, strict=True))) for place in places[:NAMED]]
-        each = [f"{', '.join(labels.named(str(d), p[d]) for d in dims)}: {described(p)}" for p in points]
-        more = f"; and {len(places) - NAMED} more" * (len(places) > NAMED)
+        dims, sizes = dataset["status"].dims, dataset["status"].sizes
+        points = [dataset.isel(dict(zip(dims, place, strict=True))) for place in places[:named]]
+        vary = [str(dim) for dim in dims if sizes[dim] > 1]
+        where = [", ".join(labels.named(dim, point[dim]) for dim in vary) for point in points]
+        each = [": ".join(filter(None, pair)) for pair in zip(where, map(described, points), strict=True)]
+        more = f"; and {len(places) - named} more" * (named > 0) * (len(places) > named)
         yield (
             f"At {len(places)} of {dataset['status'].size} points the realisations follow different motions, so"
-            f" that a mean describes none of them: {'; '.join(each)}{more}."
-            f" For all: fiv query with --show {','.join(SHOWN)} --where 'motions > 1 and motion <= motions'."
+            f" that a mean describes none of them{': ' * bool(each)}{'; '.join(each)}{more}."
+            f" All motions: fiv query, --show {','.join(SHOWN)} --where 'motions > 1 and motion <= motions'."
         )
 
 

@@ -29,7 +29,7 @@ STATE_COLOURS = {"stick": "#4d4d4d", "slip": "#a6dcf7", "separation": figures.OR
 MARKERS = "svo^Dp"
 FAILED = KINDS.index("failed")
 # Points whose realisations follow different motions.
-MIXED: dict[str, Any] = {"marker": "D", "markersize": 4.0, "color": "white", "markeredgecolor": "black"}
+MIXED: dict[str, Any] = {"marker": "D", "markersize": 6.0, "color": "white", "markeredgecolor": "black"}
 MIXED |= {"linestyle": "none", "label": "realisations follow\ndifferent motions"}
 # Area of the mark of a motion that all realisations follow, square points.
 LARGEST = 40.0
