@@ -55,7 +55,7 @@ OUTPUTS = {
     "dominant_frequency": _of("dominant_frequency", "lower median of the vibrating realisations"),
     **{name: _of(name, "mean of the realisations") for name in AVERAGED},
     **{f"member_{name}": _of(name, "of one realisation", "member") for name in KEPT},
-    **ensemble.motion_outputs(),
+    **{name: replace(each, scale="") for name, each in ensemble.motion_outputs().items()},
 }
 AT = {"theta": paper.THETA, "V": paper.ANGLES_SPEED}
 CLAIMS = (
@@ -195,6 +195,7 @@ def draw(dataset: xr.Dataset) -> Figure:
         part = np.nan_to_num(dataset[f"{state}_fraction"].values)
         fractions.bar(height=part, bottom=below, color=colour, label=state, **cells)
         below += part
+    planes.draw_mixed(fractions, dataset, "theta", "stick_fraction")
     fractions.set(ylim=(0.0, 1.0), ylabel="fraction\nof time")
     kinds, below = regimes.kinds(dataset)[:, None], np.zeros(len(theta))
     codes = np.where(kinds < planes.FAILED, dataset["member_regime"].values, kinds).astype(int)
