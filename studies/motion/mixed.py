@@ -17,6 +17,7 @@ from fivcore.transient.observe import FEWEST
 from fivcore.transient.summary import STEADY_SHARE, STEADY_SPREAD
 from studies import labels
 from studies.motion.regimes import STEADY, is_of
+from sweeps import DONE
 
 # Quantities by which motions are told apart, and the probability of telling one motion for several at a point: in
 # a result of a thousand points it is 1 %. At most so many motions are told apart.
@@ -87,8 +88,9 @@ def cut(part: NDArray[np.intp], x: NDArray[Any], error: NDArray[Any]) -> list[ND
 
 
 def mixed(dataset: xr.Dataset) -> xr.DataArray:
-    """At which points the realisations follow different motions; nowhere in a result that cannot tell."""
-    return dataset["motions"] > 1 if "motions" in dataset else xr.zeros_like(dataset["status"], dtype=bool)
+    """At which computed points the realisations follow different motions; nowhere in a result that cannot tell."""
+    done: xr.DataArray = dataset["status"] == DONE
+    return done & (dataset["motions"] > 1) if "motions" in dataset else xr.zeros_like(done)
 
 
 def told(dataset: xr.Dataset, named: int = NAMED) -> Iterator[str]:

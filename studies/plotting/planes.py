@@ -140,7 +140,7 @@ def draw_mixed(axes: Axes, dataset: xr.Dataset, x: str, name: str) -> None:
         text, heights = "each motion; larger:\nof more realisations", labels.readable(at[f"motion_{name}"])
     xs, heights, share = xr.broadcast(labels.readable(at[x]), heights.where(share > 0.0), share)
     look: dict[str, Any] = {"marker": MIXED["marker"], "color": "white", "edgecolor": "black", "label": text}
-    axes.scatter(xs, heights, LARGEST * share, **look, zorder=3.0)
+    axes.scatter(xs, heights, LARGEST * share, **look, zorder=3.0, clip_on=False)
 
 
 def patches(codes: Any) -> list[Patch]:
