@@ -297,7 +297,7 @@ def _draw_regimes(axes: Axes, point: xr.Dataset, x: str, y: str) -> list[Any]:
     rim: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black", "markersize": 4.0}
     looks = MARKS | ({"uncertain": {"marker": "o", "color": "black", "label": "realisations differ"}})
     for name, look in looks.items():
-        differ = uncertain(point) & ~mixed.mixed(point).values
+        differ = uncertain(point) & ~mixed.several(point).values
         chosen = differ if name == "uncertain" else point["verdict"].values == [*VERDICTS].index(name)
         rows, columns = np.nonzero(chosen)
         handles += planes.marks(axes, list(zip(xs[columns], ys[rows], strict=True)), **rim, **look)

@@ -87,7 +87,7 @@ def cut(part: NDArray[np.intp], x: NDArray[Any], error: NDArray[Any]) -> list[ND
     return [np.sort(order[:place]), np.sort(order[place:])]
 
 
-def mixed(dataset: xr.Dataset) -> xr.DataArray:
+def several(dataset: xr.Dataset) -> xr.DataArray:
     """At which computed points the realisations follow different motions; nowhere in a result that cannot tell."""
     done: xr.DataArray = dataset["status"] == DONE
     return done & (dataset["motions"] > 1) if "motions" in dataset else xr.zeros_like(done)
@@ -95,7 +95,7 @@ def mixed(dataset: xr.Dataset) -> xr.DataArray:
 
 def told(dataset: xr.Dataset, named: int = NAMED) -> Iterator[str]:
     """One line on the points whose realisations follow different motions, with the motions of the first ones."""
-    places = np.argwhere(mixed(dataset).values)
+    places = np.argwhere(several(dataset).values)
     if len(places):
         dims, sizes = dataset["status"].dims, dataset["status"].sizes
         points = [dataset.isel(dict(zip(dims, place, strict=True))) for place in places[:named]]

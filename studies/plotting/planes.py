@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from studies import labels
-from studies.motion.mixed import mixed
+from studies.motion.mixed import several
 from studies.motion.regimes import KINDS
 from studies.plotting import figures
 
@@ -121,7 +121,7 @@ def marks(axes: Axes, places: Iterable[tuple[float, float]], **look: Any) -> lis
 
 def mark_mixed(axes: Axes, dataset: xr.Dataset, x: str, y: str) -> list[Line2D]:
     """Mark the points of a plane whose realisations follow different motions; handles as of `marks`."""
-    rows, columns = np.nonzero(mixed(dataset).transpose(y, x).values)
+    rows, columns = np.nonzero(several(dataset).transpose(y, x).values)
     xs, ys = (labels.readable(dataset[name]).values for name in (x, y))
     return marks(axes, zip(xs[columns], ys[rows], strict=True), **MIXED)
 
@@ -131,9 +131,9 @@ def draw_mixed(axes: Axes, dataset: xr.Dataset, x: str, name: str) -> None:
 
     A quantity that has none has its mean marked.
     """
-    if not bool((several := mixed(dataset)).any()):
+    if not bool((apart := several(dataset)).any()):
         return
-    at = dataset.isel({x: np.flatnonzero(several)})
+    at = dataset.isel({x: np.flatnonzero(apart)})
     text, heights, share = MIXED["label"], labels.readable(at[name]), xr.ones_like(at[x], dtype=float)
     if f"motion_{name}" in at:
         share = at["motion_share"]
