@@ -31,7 +31,7 @@ QUANTITIES = tuple(name for name in runs.SUMMARY if name != "regime")
 # Quantities whose standard deviation over realisations is stored too.
 SPREAD = ("stick_fraction", "velocity_rms", "dominant_frequency", "normal_force_999")
 MOST_MEMBERS = 1000
-# Along which the different motions of the realisations are.
+# Places for the different motions of realisations, and the regime of a place without one.
 NONE = -1
 APART = {"motion": Axis(np.arange(1, mixed.MOST + 1), "1", "motion, that of most realisations first")}
 # Realisations differ by the ramp of the drive: each is longer than the one before by this share of the first. Its

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import studies
 from fivcore import Scene, Until, simulate
 from studies import registry, summary
 from studies.motion import ensemble, mixed, run
@@ -35,7 +34,7 @@ def together(*groups, order=None):
 @pytest.mark.parametrize("members", [2, 4, 12])
 def test_one_motion_is_told_for_several_as_often_as_said(members, monkeypatch):
     monkeypatch.setattr(mixed, "LEVEL", level := 0.01)
-    rng, count = np.random.default_rng(members), 4000
+    rng, count = np.random.default_rng(members), 2000
     # What is too small to matter is none, which would lower the rate.
     ensembles = (realisations(members, 0.7, 5.0, rng, spread=(0.05, 0.5)) for _ in range(count))
     alarms = sum(len(mixed.motions(found, V)) > 1 for found in ensembles)
@@ -45,7 +44,7 @@ def test_one_motion_is_told_for_several_as_often_as_said(members, monkeypatch):
 @pytest.mark.parametrize("members", [2, 4, 12])
 def test_equal_motions_of_unequal_certainty_are_hardly_ever_told_for_several(members):
     rng = np.random.default_rng(members)
-    for _ in range(1000):
+    for _ in range(500):
         ends = [realisations(members // 2, 0.7, 5e-3, rng, spread=(f * 0.005, f * 1e-4)) for f in (1, 2)]
         assert len(mixed.motions(together(*ends), V)) == 1
     assert len(mixed.motions(realisations(members, 0.0, 0.0, rng, REST), V)) == 1
@@ -122,14 +121,14 @@ def test_results_without_realisations_say_nothing():
     assert not [*mixed.told(data.drop_vars("motions"))]
 
 
-@pytest.fixture
-def regimes(tmp_path):
-    """A file of `regimes` in which the realisations of the first point follow two motions."""
-    fixed = {"members": 2, "max_duration": 0.02, "min_duration": 0.01}
-    data = studies.run("regimes", V=[2e-3, 4e-3], mu=[0.05, 0.06], out=tmp_path, **fixed).load()
+@pytest.fixture(scope="module")
+def regimes():
+    """A result of `regimes` in which the realisations of the first point follow two motions."""
+    few = {"members": 2, "max_duration": 0.02, "min_duration": 0.01}
+    sweep = registry.load("regimes").sweep({"V": np.array([2e-3, 4e-3]), "mu": np.array([0.05, 0.06]), **few})
+    data = sweep.plan().run("sync").load()
     data["motions"][0, 0] = 2
     data["motion_share"][0, 0, 0, 0, :2], data["motion_stick_fraction"][0, 0, 0, 0, :2] = 0.5, [0.0, 0.7]
-    data.to_netcdf(tmp_path / "two.nc")
     return data
 
 
@@ -145,7 +144,8 @@ def test_planes_and_curves_mark_them(regimes):
         np.testing.assert_allclose(points, [[[2.0, 0.0], [2.0, 0.7]]] * count)
 
 
-def test_queries_say_so_and_show_each_motion(regimes, here):
+def test_queries_say_so_and_show_each_motion(regimes, here, tmp_path):
+    regimes.to_netcdf(tmp_path / "two.nc")
     lines = here("query", "two.nc", "--show", "V,mu,stick_fraction")
     assert "At 1 of 4 points the realisations follow different motions" in lines.stderr
     each = here("query", "two.nc", "--show", "motion_share,motion_stick_fraction", "--where", "motions > 1")
