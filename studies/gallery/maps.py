@@ -312,7 +312,7 @@ DRAWS = {"samples": (1024, "number of uncertain rigs"), "seed": (0, "seed of the
 TIME = {"duration": Parameter(4.0, "s", "simulated time", common=True)}
 TIME |= {name: RUN[name] for name in ("ramp", "cutoff", "numerical_damping")}
 MODEL = {name: RUN[name] for name in ("cutoff", "numerical_damping")}
-BEAMS, STEADY = {"beams": True}, {"normalised": True}
+BEAMS, STEADY, SEVERAL = {"beams": True}, {"normalised": True}, {"normalised": True, "chaotic": True}
 LIMIT = {"painleve_mu": ("1", "mu from which on the contact force is not unique")}
 DRAWN = {name: Parameter(value, "1", text, common=True) for name, (value, text) in DRAWS.items()}
 # Group, title, parameters besides those of the rig and the scene, outputs, function, and the rest.
@@ -321,14 +321,7 @@ GROUPS: tuple[tuple[str, str, Any, Any, Any, dict[str, Any]], ...] = (
     ("onset", "Lowest μ at which steady sliding flutters (modes below 10 kHz)", SLIDING, ONSET, onset, STEADY),
     ("contact_limit", "Uniqueness of the contact force", MODEL, LIMIT, contact_limit, {}),
     ("glued", "Natural frequencies of the beams glued at the contact", {}, GLUED, glued, BEAMS),
-    (
-        "motion",
-        "Motion",
-        RUNS,
-        MOTION,
-        motion,
-        {"check": ensemble.check, "coords": ensemble.APART, "normalised": True, "chaotic": True},
-    ),
+    ("motion", "Motion", RUNS, MOTION, motion, SEVERAL | {"check": ensemble.check, "coords": ensemble.APART}),
     ("chaos", "Chaos: how fast neighbouring motions part", TIME, CHAOS, chaos, STEADY | {"chaotic": True}),
     (
         "knock",

@@ -137,20 +137,14 @@ def of(name: str, how: str, digits: int, *dims: str) -> Variable:
 
 def motion_outputs() -> dict[str, Variable]:
     """Variables of `motions`."""
-    how, flags = "mean over the realisations in a motion", {NONE: "none", **dict(enumerate(runs.REGIMES))}
+    flags, along = {NONE: "none", **dict(enumerate(runs.REGIMES))}, ("motion",)
+    how = "mean over the realisations in a motion"
+    text = f"number of motions that the realisations follow, up to {mixed.MOST}"
     return {
-        "motions": Variable(
-            "1", f"number of motions that the realisations follow, up to {mixed.MOST}", (), "int8"
-        ),
+        "motions": Variable("1", text, (), "int8"),
         "member_motion": Variable("1", "motion of each realisation; 0: none", ("member",), "int8"),
-        "motion_share": Variable("1", "fraction of the realisations in a motion", ("motion",), "float32", 6),
-        "motion_regime": Variable(
-            "1",
-            "regime of most realisations in a motion",
-            ("motion",),
-            "int8",
-            flags=flags,
-        ),
+        "motion_share": Variable("1", "fraction of the realisations in a motion", along, "float32", 6),
+        "motion_regime": Variable("1", "regime of most realisations in a motion", along, "int8", flags=flags),
     } | {f"motion_{name}": of(name, how, 5, "motion") for name in mixed.QUANTITIES}
 
 
@@ -217,21 +211,15 @@ def statistics(results: Sequence[Transient]) -> dict[str, Any]:
 
 def motions(found: Mapping[str, NDArray[Any]], V: float) -> dict[str, Any]:
     """Values of `motion_outputs` from the `summaries` of a scene with this speed of the drive, m/s."""
-    apart, count = mixed.motions(found, V), len(found["regime"])
-    member = np.zeros(count, dtype=int)
+    apart, regimes = mixed.motions(found, V), found["regime"]
+    member, none = np.zeros(len(regimes), dtype=int), mixed.MOST - len(apart)
     for k, part in enumerate(apart):
         member[part] = k + 1
-    none = mixed.MOST - len(apart)
-    means = {
-        f"motion_{name}": [found[name][part].mean() for part in apart] + [np.nan] * none
-        for name in mixed.QUANTITIES
-    }
-    return {
-        "motions": len(apart),
-        "member_motion": member,
-        "motion_share": [len(part) / count for part in apart] + [np.nan] * none,
-        "motion_regime": [majority(found["regime"][part])[0] for part in apart] + [NONE] * none,
-    } | means
+    means = {f"motion_{n}": [found[n][part].mean() for part in apart] for n in mixed.QUANTITIES}
+    means["motion_share"] = [len(part) / len(regimes) for part in apart]
+    kinds = [majority(regimes[part])[0] for part in apart] + [NONE] * none
+    own = {"motions": len(apart), "member_motion": member, "motion_regime": kinds}
+    return own | {name: value + [np.nan] * none for name, value in means.items()}
 
 
 def vote(regimes: NDArray[Any]) -> tuple[int, float]:
