@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from studies.study import Study
     from sweeps import Plan, Progress
 
-__all__ = ["map", "open", "run"]  # two shadow built-ins, in this module only
+__all__ = ["map", "measure", "open", "run"]  # two shadow built-ins, in this module only
 
 
 def run(
@@ -111,6 +111,46 @@ def _executed(study: Study, planned: Plan, scheduler: Any, workers: Any, progres
 
     with bar(planned.todo) if progress is True else nullcontext(progress or None) as callback:
         return runner.execute(study, planned, *runner.backend(scheduler, workers), callback).dataset
+
+
+def measure(
+    path: str | Path,
+    *,
+    unit: str | None = None,
+    rate: float | str | None = None,
+    channel: int | str | None = None,
+    band: tuple[float, float] = (200.0, 10e3),
+    start: float = 0.0,
+) -> dict[str, Any]:
+    """Look at one measured signal as at the velocity of B of a run; nothing is integrated.
+
+    Parameters
+    ----------
+    path : path
+        CSV (or text), WAV, universal file with data sets 58, or MATLAB up to v7.
+    unit : str
+        Unit of the file's numbers, or with a number what 1 in the file is: "50mm/s". By default the file's.
+    rate : float or str
+        Sampling rate, Hz or "50kHz"; by default the file's, or that of its times.
+    channel : int or str
+        Number, from 1, or name of one of several channels.
+    band : (float, float)
+        Where lines are sought, Hz. Above 5 samples in a period of its end the signal is decimated.
+    start : float
+        Time to leave out at the start, s.
+
+    Returns
+    -------
+    dict
+        As a `Transient.summary` has them: `dominant_frequency`, `periodicity`, and `velocity_rms` in the signal's
+        own `unit` (`signal_rms` where that is none of speed), with `_se`. A signal does not know the contact: in
+        place of long sticks it has quiet spells (`studies.measured.signal`), `quiet_times`, `quiet_starts`,
+        `mean_quiet_time`, `quiet_fraction`, `quiet_frequency`. Besides, `line_frequencies` outside of them, Hz,
+        and `line_levels`, dB below the strongest; `channel`, `rate`, `analysed_rate`, `duration`, `band`.
+    """
+    from studies.measured import files, signal
+
+    return signal.statistics(files.read(path, unit, rate, channel), band, start)
 
 
 def open(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
