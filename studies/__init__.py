@@ -124,29 +124,16 @@ def measure(
 ) -> dict[str, Any]:
     """Look at one measured signal as at the velocity of B of a run; nothing is integrated.
 
-    Parameters
-    ----------
-    path : path
-        CSV (or text), WAV, universal file with data sets 58, or MATLAB up to v7.
-    unit : str
-        Unit of the file's numbers, or with a number what 1 in the file is: "50mm/s". By default the file's.
-    rate : float or str
-        Sampling rate, Hz or "50kHz"; by default the file's, or that of its times.
-    channel : int or str
-        Number, from 1, or name of one of several channels.
-    band : (float, float)
-        Where lines are sought, Hz. Above 5 samples in a period of its end the signal is decimated.
-    start : float
-        Time to leave out at the start, s.
+    The file is CSV or other text, WAV, a universal file with data sets 58, or MATLAB up to v7. `unit` is that of
+    its numbers, or with a number what 1 in it is, "50mm/s"; `rate` is in Hz or "50kHz"; `channel` is a name or a
+    number, from 1. The dominant frequency is in the `band`, Hz; what is before `start`, s, is left out.
 
-    Returns
-    -------
-    dict
-        As a `Transient.summary` has them: `dominant_frequency`, `periodicity`, and `velocity_rms` in the signal's
-        own `unit` (`signal_rms` where that is none of speed), with `_se`. A signal does not know the contact: in
-        place of long sticks it has quiet spells (`studies.measured.signal`), `quiet_times`, `quiet_starts`,
-        `mean_quiet_time`, `quiet_fraction`, `quiet_frequency`. Besides, `line_frequencies` outside of them, Hz,
-        and `line_levels`, dB below the strongest; `channel`, `rate`, `analysed_rate`, `duration`, `band`.
+    The names are those of a `Transient.summary`, `dominant_frequency`, `periodicity`, `velocity_rms` and its `_se`
+    (`signal_rms` where the unit is none of speed), but in the signal's own `unit`. A signal does not know the
+    contact: in place of long sticks it has quiet spells (`studies.measured.signal`), with `quiet_fraction`,
+    `quiet_times`, `quiet_starts`, s, and `quiet_frequency`, Hz. `line_frequencies` outside of them are in Hz,
+    `line_levels` in dB below the strongest. Above 5 samples in a period of the band's end the signal is decimated,
+    to `analysed_rate`. An `InputError` says what is wrong with a file or missing.
     """
     from studies.measured import files, signal
 

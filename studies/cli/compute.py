@@ -14,7 +14,7 @@ import click
 
 from studies.cli.app import command, warned
 from studies.cli.execution import estimated, execute, timed, typed, with_axes
-from studies.cli.measure import MEASURED, beside
+from studies.cli.measure import DRAWN, SIGNAL, beside
 from studies.cli.options import HOW, MAP, POINTS, STUDY
 from studies.cli.output import columns, say, show
 from studies.cli.progress import announce_compiling
@@ -41,7 +41,7 @@ def plan(study: str, measured: bool, **points: Any) -> None:
     say(*lines)
 
 
-@command("run", "Compute a study, store it, draw it, print its numbers.", STUDY, *POINTS, *HOW, *MEASURED)
+@command("run", "Compute a study, store it, draw it, print its numbers.", STUDY, *POINTS, *HOW, DRAWN, *SIGNAL)
 def run(study: str, fail_fast: bool, yes: bool, share: str | None, **points: Any) -> None:
     """Compute a study, store it as netCDF, draw its figure, and print its numbers beside the paper's.
 

@@ -132,7 +132,7 @@ def _points(dataset: xr.Dataset) -> list[xr.Dataset]:
 
 
 def draw(dataset: xr.Dataset, measured: Signal | None = None) -> Figure:
-    """Time on the left and spectra on the right, a row for each speed, as in the paper; `measured` in a last row."""
+    """Time on the left and spectra on the right, a row for each speed, as in the paper; `measured` in a last."""
     rows = planes.subset(dataset.sizes["V"], MOST_ROWS)
     shared: dict[str, Any] = {"sharex": "col", "sharey": "col", "gridspec_kw": {"width_ratios": (1.35, 1.0)}}
     count = len(rows) + (measured is not None)

@@ -13,18 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fivcore import InputError
 from fivcore.structure_files import reading, universal_file
 from studies import spec
 from studies.results import expanded
 from studies.units import convert
-from sweeps import InputError
 
 Array = NDArray[Any]
 
-# Names of times and of a sampling rate; a head like "v_B [mm/s]"; decimal commas between blanks.
+# Names of times and of a sampling rate; a head like "v_B [mm/s]"; numbers with decimal commas between blanks.
 TIME, RATE = (re.compile(text, re.I) for text in ("t|times?|elapsed|zeit|temps", "fs|rate|sample_?rate"))
-HEAD = re.compile(r"\s*(.*?)\s*(?:[\[(](.*)[\])])?\s*")
-COMMAS = re.compile(r"\s*\S*\d,\d\S*(\s+\S*\d,\d\S*)+")
+HEAD, COMMAS = re.compile(r"(.*?) *(?:[\[(](.*)[\])])?"), re.compile(r"\S*\d,\d\S*(\s+\S*\d,\d\S*)+")
 # A signal is clipped where so many times more values are the extreme one than the next: of a rounded sine 2.4.
 CLIPPED = 4
 
@@ -36,7 +35,7 @@ class Signal:
     name: str
     values: Array
     unit: str = ""
-    rate: float | None = None
+    rate: float = 0.0
     times: Array | None = None
 
 
@@ -45,32 +44,34 @@ def read(path: str | Path, unit: str | None, rate: float | str | None, channel: 
     if (reader := READERS.get((file := expanded(path)).suffix.lower())) is None:
         raise InputError(f"{path}: its name must end in one of {', '.join(READERS)}")
     with reading(path):
-        every = dict(enumerate(reader(file), 1))
+        every: dict[int, Signal] = dict(enumerate(reader(file), 1))
     chosen = [one for k, one in every.items() if channel is None or str(channel) in (one.name, str(k))]
     if len(chosen) != 1:
-        has = ", ".join(str(k) if one.name == str(k) else f"{k} ({one.name})" for k, one in every.items())
-        raise InputError(f"channel = {channel}: {path} has {has or 'no signal'}; give one of these")
+        has = ", ".join(f"{k} ({one.name})" for k, one in every.items()) or "no signal"
+        wrong = "channel missing" if channel is None else f"channel = {channel}"
+        raise InputError(f"{wrong}: {path} has {has}; give one of these, by number or name")
     (signal,), factor = chosen, 1.0
-    if found := spec.QUANTITY.fullmatch(unit or ""):
+    if (found := spec.QUANTITY.fullmatch(unit or "")) and found[2]:
         factor, unit = float(found[1]), found[2]
-    if re.search(r"\bdB", unit := unit or signal.unit, re.I) or not unit:
-        wrong = "a level has no phase; record the signal itself, in a linear unit" if unit else "the file has none"
-        raise InputError(f"unit = {unit or None}: {wrong}: mm/s, or 50mm/s for what 1 in the file is")
-    rate = spec.one(rate, "rate", "Hz") if isinstance(rate, str) else rate or signal.rate
-    if rate is None and signal.times is None:
-        raise InputError(f"rate = None: {path} has no rate and no column of times; give it, such as 50kHz")
+    if not (unit := unit or signal.unit):
+        raise InputError(f"unit missing: {path} has none; give mm/s, or 50mm/s for what 1 in the file is")
+    if re.search(r"\bdB", unit, re.I):
+        raise InputError(f"unit = {unit}: a level has no phase; record the signal itself, in a unit like mm/s")
+    hertz = spec.one(rate, "rate", "Hz") if isinstance(rate, str) else rate
+    if hertz is not None and not 0.0 < hertz < np.inf:
+        raise InputError(f"rate = {rate}: it must be above 0 Hz, such as 50kHz")
+    if not (hertz := hertz or signal.rate) and signal.times is None:
+        raise InputError(f"rate missing: {path} has no rate and no times; give it in Hz, such as 50kHz")
     with reading(f"{path}, channel {signal.name}"):
         values = factor * _checked(np.asarray(signal.values, dtype=float))
-        rate = _rate_of(signal.times) if rate is None and signal.times is not None else rate
-    if not (rate and 0.0 < rate < np.inf):
-        raise InputError(f"rate = {rate}: it must be above 0 Hz; for example 50kHz")
-    return replace(signal, values=values, unit=unit, rate=rate)
+        return replace(signal, values=values, unit=unit, rate=hertz or _rate_of(np.asarray(signal.times)))
 
 
 def _checked(values: Array) -> Array:
     """Values without gaps, that change, and are not clipped."""
     if len(lost := np.flatnonzero(~np.isfinite(values))):
-        raise InputError(f"it has {len(lost)} gaps, the first at sample {lost[0] + 1}; cut out a part without")
+        text = f"{len(lost)} of {len(values)} samples are missing, first number {lost[0] + 1}"
+        raise InputError(f"{text}; cut out a part without gaps")
     if np.ptp(values) <= 1e-12 * np.abs(values).max(initial=0.0):
         raise InputError(f"it is constant, {values[0]:g}; choose a channel that moves")
     for extreme in (values.max(), values.min()):
@@ -85,17 +86,17 @@ def _checked(values: Array) -> Array:
 def _rate_of(times: Array) -> float:
     """The rate of even times, s, which may be rounded to half a step."""
     steps, step = np.diff(times), (times[-1] - times[0]) / (len(times) - 1)
-    usual, even = abs(np.median(steps)), np.abs(times - times[0] - step * np.arange(len(times))) <= step
-    odd = ~((np.abs(steps - usual) <= 0.5001 * usual) & even[1:])
-    if odd.any():
+    usual, away = abs(np.median(steps)), np.abs(np.diff(times - step * np.arange(len(times))).cumsum())
+    odd = ~(np.abs(steps - usual) <= 0.5001 * usual)
+    if (odd := odd if odd.any() else away > step).any():
         k = int(np.argmax(odd))
-        text = f"{times[k]:.9g} s is followed by {times[k + 1]:.9g} s"
-        raise InputError(f"its times are not even: {text}; cut out a part without gaps, or give its rate")
+        text = f"its times are not even: {times[k]:.9g} s is followed by {times[k + 1]:.9g} s"
+        raise InputError(f"{text}; cut out a part without gaps, or give its rate")
     return float(1.0 / step)
 
 
-def _channels(columns: list[Signal], rate: float | None = None) -> list[Signal]:
-    """The columns of a table with their times or rate."""
+def _table(columns: list[Signal], rate: float = 0.0) -> list[Signal]:
+    """The channels of a table: its columns with their times or rate."""
     times = next((each for each in columns if TIME.fullmatch(each.name)), None)
     seconds = None if times is None else convert(1.0, times.unit or "s", "s") * times.values
     return [replace(each, rate=rate, times=seconds) for each in columns if each is not times]
@@ -110,19 +111,20 @@ def _text(file: Path) -> list[Signal]:
     between = next((mark for mark in "\t;," if mark in last and not COMMAS.fullmatch(last)), r"\s+")
     decimal = "," if between != "," and "," in last else "."
     fields = [[part.strip(' "') for part in re.split(between, line)] for line in lines]
-    number = re.compile(rf"{spec.NUMBER}|nan|".replace(r"\.", re.escape(decimal)), re.I)
+    number = re.compile(f"{spec.NUMBER}|nan|".replace(r"\.", re.escape(decimal)), re.I)
     rows = (k for k, row in enumerate(fields) if any(row) and all(map(number.fullmatch, row)))
     if (first := next(rows, None)) is None:
         raise InputError("it has no line of numbers")
-    named = first > 0 and len(fields[first - 1]) == len(fields[first])
-    heads = [HEAD.fullmatch(text) for text in fields[first - 1]] if named else []
     how: dict[str, Any] = {"sep": between, "decimal": decimal, "header": None, "skip_blank_lines": False}
     table = pd.read_csv(StringIO("\n".join(lines[first:])), dtype=float, **how).to_numpy().T
-    names = [(head[1], head[2] or "") for head in heads if head] or [(str(k + 1), "") for k in range(len(table))]
-    steps = np.diff(table[0])
-    if not named and len(table) > 1 and np.all(steps > 0.0) and np.ptp(steps) < steps.mean():
-        names[0] = ("t", "s")
-    return _channels([Signal(name, values, unit) for (name, unit), values in zip(names, table, strict=True)])
+    if first and len(fields[first - 1]) == len(table):
+        names = [str(text) for text in fields[first - 1]]
+    else:
+        names, steps = [str(k) for k in range(1, len(table) + 1)], np.diff(table[0])
+        if len(table) > 1 and np.all(steps > 0.0) and np.ptp(steps) < steps.mean():
+            names[0] = "t"
+    heads = [HEAD.fullmatch(name) for name in names]
+    return _table([Signal(h[1], v, h[2] or "") for h, v in zip(heads, table, strict=True) if h])
 
 
 def _wav(file: Path) -> Iterator[Signal]:
@@ -132,9 +134,9 @@ def _wav(file: Path) -> Iterator[Signal]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", wavfile.WavFileWarning)  # chunks of notes
         rate, values = wavfile.read(file)
-    zero, kind = (128.0 if values.dtype.kind == "u" else 0.0), values.dtype
-    # 24 bits are the upper ones of 32.
-    scale = 1.0 if kind.kind == "f" else 2.0 ** (8 * kind.itemsize - 1)
+    kind, size = values.dtype.kind, values.dtype.itemsize
+    # 24 bits are the upper ones of 32; 8 bits alone have no sign.
+    zero, scale = 128.0 * (kind == "u"), 1.0 if kind == "f" else 2.0 ** (8 * size - 1)
     for k, column in enumerate(values.reshape(len(values), -1).T, 1):
         yield Signal(str(k), (column - zero) / scale, "full scale", float(rate))
 
@@ -145,9 +147,8 @@ def _universal(file: Path) -> Iterator[Signal]:
     for one in (content.read_sets(int(place)) for place in np.flatnonzero(kinds == 58)):
         if one["func_type"] in (0, 1) and not np.iscomplexobj(one["data"]):
             name, unit = (one[key].strip().replace("NONE", "") for key in ("id1", "ordinate_axis_units_lab"))
-            even = one["abscissa_spacing"] == 1
-            rate, times = (1.0 / one["abscissa_inc"], None) if even else (None, one["x"])
-            yield Signal(name or f"node {one['rsp_node']}, {one['rsp_dir']}", one["data"], unit, rate, times)
+            rate = 1.0 / one["abscissa_inc"] if one["abscissa_spacing"] == 1 else 0.0
+            yield Signal(name or f"node {one['rsp_node']}, {one['rsp_dir']}", one["data"], unit, rate, one["x"])
 
 
 def _matlab(file: Path) -> list[Signal]:
@@ -155,10 +156,9 @@ def _matlab(file: Path) -> list[Signal]:
     from scipy.io import loadmat
 
     found = {k: np.asarray(v) for k, v in loadmat(file).items() if np.ndim(v) == 2 and v.dtype.kind in "iuf"}
-    rate = next((float(v.item()) for k, v in found.items() if v.size == 1 and RATE.fullmatch(k)), None)
+    rates = [float(v.item()) for k, v in found.items() if v.size == 1 and RATE.fullmatch(k)]
     tables = {k: v if v.shape[0] >= v.shape[1] else v.T for k, v in found.items() if v.size > 1}
-    both = [(name, table.shape[1] > 1, k, each) for name, table in tables.items() for k, each in enumerate(table.T, 1)]
-    return _channels([Signal(f"{name} {k}" if many else name, each) for name, many, k, each in both], rate)
+    return _table([Signal(k, column) for k, table in tables.items() for column in table.T], *rates[:1])
 
 
 READERS: dict[str, Any] = dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".asc"), _text)
