@@ -110,7 +110,8 @@ def draw(panels: Sequence[Axes], signal: Signal) -> None:
     """A measured `velocity` in the last row of panels, mm/s, and its spectrum in all of the right column."""
     time, frequency = np.arange(len(signal.values)) / signal.rate, series.frequencies(signal.rate).values / 1e3
     power = figures.decibels(series.spectrum(signal.values, np.ones(len(time), dtype=bool), signal.rate))
-    panels[-2].set(title=f"measured: {signal.name}", ylabel="velocity / (mm/s)")
+    panels[-2].set_title(f"measured: {signal.name}", loc="left")
+    panels[-2].set_ylabel("velocity / (mm/s)")
     figures.trace(panels[-2], time, 1e3 * signal.values, color=figures.ORANGE)
     for right in panels[1::2]:
         right.plot(frequency, power, color=figures.ORANGE, linewidth=0.8, label="measured")
