@@ -44,13 +44,13 @@ def measure(file: str, band: str, start: str, **which: Any) -> None:
     The observer of a run's velocity of B looks at it, in its own unit; nothing is integrated. A table says its
     times and units in its heads, like t [ms] and v_B [mm/s], or --rate and --unit do.
     """  # noqa: D301 - the backspace tells click to keep the lines
-    import studies
     from studies import spec
+    from studies.measured import files, signal
 
     if band.count(":") != 1:
         raise click.UsageError(f"--band {band}: it must be LOW:HIGH, such as 200Hz:10kHz")
     low, high = (spec.one(end, "band", "Hz") for end in band.split(":"))
-    found = studies.measure(file, band=(low, high), start=spec.one(start, "start", "s"), **which)
+    found = signal.statistics(files.read(file, **which), (low, high), spec.one(start, "start", "s"))
     units = {"frequency": "Hz", "rate": "Hz", "duration": "s", "time": "s", "rms": found["unit"]}
     rows = list[tuple[str, str]]()
     for name, value in {**found, "quiet_spells": float(len(found["quiet_times"]))}.items():
