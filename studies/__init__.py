@@ -133,7 +133,8 @@ def measure(
     contact: in place of long sticks it has quiet spells (`studies.measured.signal`), with `quiet_fraction`,
     `quiet_times`, `quiet_starts`, s, and `quiet_frequency`, Hz. `line_frequencies` outside of them are in Hz,
     `line_levels` in dB below the strongest. Above 5 samples in a period of the band's end the signal is decimated,
-    to `analysed_rate`. An `InputError` says what is wrong with a file or missing.
+    to `analysed_rate`. A standard error is NaN where the signal is shorter than 16 cycles of spell and burst, that
+    of `mean_quiet_time` with fewer than 12 spells. An `InputError` says what is wrong with a file or missing.
     """
     from studies.measured import files, signal
 

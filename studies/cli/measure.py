@@ -17,15 +17,15 @@ from studies.cli.output import columns, say, show
 if TYPE_CHECKING:
     from studies.study import Study
 
-UNIT = "Unit of the file's numbers, mm/s; with a number what 1 in the file, or the full scale of WAV, is: 50mm/s."
+UNIT = "Unit of a measured signal, mm/s; with a number what 1 in its file, or WAV's full scale, is: 50mm/s."
 SIGNAL = (
     option("--unit", metavar="U", help=UNIT),
-    option("--rate", metavar="HZ", help="Sampling rate of the file, 50kHz, if that does not say it."),
-    option("--channel", metavar="NAME|N", help="Channel of a file with several."),
+    option("--rate", metavar="HZ", help="Sampling rate of a measured signal, 50kHz, if its file does not say it."),
+    option("--channel", metavar="NAME|N", help="Channel of a measured file with several."),
 )
 DRAWN = option("--measured", metavar="FILE", help="A measured velocity (fiv measure) to draw into fig7.")
 BAND = option(
-    "--band", metavar="LOW:HIGH", default="200Hz:10kHz", show_default=True, help="Where the dominant one is."
+    "--band", metavar="LOW:HIGH", default="200Hz:10kHz", show_default=True, help="Where the dominant frequency is."
 )
 START = option("--start", metavar="TIME", default="0s", help="Leave out what is before.")
 NOTE = """

@@ -23,7 +23,7 @@ Array = NDArray[Any]
 
 # Names of times and of a sampling rate; a head like "v_B [mm/s]"; numbers with decimal commas between blanks.
 TIME, RATE = (re.compile(text, re.I) for text in ("t|times?|elapsed|zeit|temps", "fs|rate|sample_?rate"))
-HEAD, COMMAS = re.compile(r"(.*?) *(?:[\[(](.*)[\])])?"), re.compile(r"\S*\d,\d\S*(\s+\S*\d,\d\S*)+")
+HEAD, COMMAS = re.compile(r"(.*?) *(?:[\[(]([^\[(]*)[\])])?"), re.compile(r"\S*\d,\d\S*(\s+\S*\d,\d\S*)+")
 # A signal is clipped where so many times more values are the extreme one than the next: of a rounded sine 2.4.
 CLIPPED = 4
 
@@ -110,16 +110,17 @@ def _text(file: Path) -> list[Signal]:
     last = lines[-1] if lines else ""
     between = next((mark for mark in "\t;," if mark in last and not COMMAS.fullmatch(last)), r"\s+")
     decimal = "," if between != "," and "," in last else "."
-    fields = [[part.strip(' "') for part in re.split(between, line)] for line in lines]
     number = re.compile(f"{spec.NUMBER}|nan|".replace(r"\.", re.escape(decimal)), re.I)
-    rows = (k for k, row in enumerate(fields) if any(row) and all(map(number.fullmatch, row)))
+
+    def fields(line: str) -> list[str]:
+        return [part.strip(' "') for part in re.split(between, line)]
+
+    rows = (k for k, line in enumerate(lines) if line and all(map(number.fullmatch, fields(line))))
     if (first := next(rows, None)) is None:
         raise InputError("it has no line of numbers")
     how: dict[str, Any] = {"sep": between, "decimal": decimal, "header": None, "skip_blank_lines": False}
     table = pd.read_csv(StringIO("\n".join(lines[first:])), dtype=float, **how).to_numpy().T
-    if first and len(fields[first - 1]) == len(table):
-        names = [str(text) for text in fields[first - 1]]
-    else:
+    if not first or len(names := fields(lines[first - 1])) != len(table):
         names, steps = [str(k) for k in range(1, len(table) + 1)], np.diff(table[0])
         if len(table) > 1 and np.all(steps > 0.0) and np.ptp(steps) < steps.mean():
             names[0] = "t"
