@@ -40,7 +40,7 @@ CUT = {
     "--refine 3": "--refine 1",
     "--samples 256": "--samples 4",
     "--workers 2": "--workers 2 --scheduler threads",
-    "fiv run scenes": "fiv run scenes --set duration=20ms",
+    "fiv run scenes": "fiv run scenes --set duration=60ms",
     "fiv run robust": "fiv run robust --set theta=5 --set sobol_samples=4",
     "--quantity regime": "--quantity regime --fix max_duration=.1 --fix min_duration=.02 --fix standard_error=.5",
     "theta=-10:20:61": "theta=-10:20:7",
