@@ -125,6 +125,12 @@ class FastRun:
         return self._solver.model
 
     @property
+    def models(self) -> list[tuple[float | None, ReducedModel]]:
+        """The models of the run, each with the cut-off asked for."""
+        own = [(self.options.cutoff, self._coarse.model)]
+        return own + ([(onset.finer_cutoff(self.scene.rig), self._fine.model)] if self._fine else [])
+
+    @property
     def places(self) -> NDArray[np.int64]:
         """Places of the modes in rows of `blocks`, (n,)."""
         return self._solver.places
