@@ -76,7 +76,7 @@ class ExactRun(SteppedRun):
     def __init__(self, scene: Normalised, options: Options) -> None:
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
         # Of the paper's rig all modes at once would be hundreds.
-        self.model, self.rigid = model, not model.K.any() and not isinstance(scene.rig, Rig)
+        self.model, self.rigid = model, not model.K.any()
         if not (self.rigid or model.C.any()):
             cutoff = default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
             raise SceneValueError(

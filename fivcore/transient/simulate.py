@@ -269,9 +269,8 @@ def painleve_mu(
     rig, beta2 = published.with_numerical_damping(rig, method, law["numerical_damping"]), law["beta2"]
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
     if method == "paper":
-        usual = published.default_step(rig)
-        tau = published.TAU / published.STEP * usual
-        return published.painleve_mu(full_model(rig, theta), step or usual, beta2 or published.BETA2, tau)
+        step, tau = step or published.default_step(rig), published.relaxation_time
+        return published.painleve_mu(full_model(rig, theta), step, beta2 or published.BETA2, tau(rig, step))
     if method == "exact" and step is not None:
         raise InputError(f"step = {step:g}: method 'exact' does not use it here; leave it out")
     cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")
