@@ -78,8 +78,8 @@ def default_step(rig: Structural) -> float:
 def relaxation_time(rig: Structural, step: float) -> float:
     """Time in which T relaxes, s: the paper's; of a structure, as many steps, so that it goes to zero with them.
 
-    Over an impact with the normal impulse P in one step T relaxes as r / (1 + r)^k mu P / dt in the steps k = 1, 2,
-    ...: while the contact lasts and slips, their sum is mu P, the tangential impulse of `fivcore.contact.law`.
+    After an impact with the normal impulse P in one step, T is r / (1 + r)^k mu P / dt in the steps k = 1, 2, ...:
+    while the contact lasts and slips, their sum is mu P, the tangential impulse of `fivcore.contact.law`.
     """
     return TAU if isinstance(rig, Rig) else TAU / STEP * step
 

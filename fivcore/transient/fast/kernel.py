@@ -307,7 +307,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
         closed, N, T = p > relaxed, 0.0, 0.0
         # In rigid contact the gap of a lasting contact is rounding: only its force can end it.
         closed = closed or (rigid and was != SEPARATION)
-        back_N, back_T = 0.0, 0.0
+        back_N, back_T, lasting = 0.0, 0.0, not np.isnan(scene.held_p)
         if rigid and was != SEPARATION:
             # Forces that grow let the gaps drift; the mean of two steps shows it, without what alternates.
             mean_p, mean_gT = 0.5 * (p + scene.last_p), 0.5 * (gT + scene.last_gT)
@@ -376,8 +376,9 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                         if len(law) > 0:
                             _, N, T, end_T = falling(scene, law, p, before, closing, vT, np.sign(m), slip_rate)
                         old_T = scene.last_T
-                        if rigid and not np.isnan(old_T) and (was == STICK or T * old_T < 0.0):
-                            # Friction before the change, for that part of the step or back from the last one.
+                        if rigid and lasting and not np.isnan(old_T) and (was == STICK or T * old_T < 0.0):
+                            # Friction before the change, but not an impact's, for that part of the step or back from
+                            # the last one.
                             share = locate(scene, law, was, p, stick_N, vN, vT, last_rate)
                             less_T = (share - 0.5) * (old_T - T)
                             # Where friction is constant no further than to where slip would turn and be driven.
