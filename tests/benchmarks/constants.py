@@ -108,7 +108,7 @@ def measured_rigs(number: int, names: tuple[str, ...] = ()) -> Rigs:
 
 
 def rig_table() -> Table:
-    """Errors of shares on 40 rigs for two values of DAMPING, and by how much they are less than today's on the same rigs."""
+    """Errors of shares on 40 rigs with two values of DAMPING, and by how much they are less than today's."""
     errors = measured_rigs(40, ("DAMPING 0.045", f"DAMPING {reduced.DAMPING:g}")).errors
     today, kinds = errors[f"DAMPING {reduced.DAMPING:g}"], {"40": slice(None), "20 known": KNOWN, "20 new": NEW}
     rows: list[list[Any]] = []

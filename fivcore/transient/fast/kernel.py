@@ -377,7 +377,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                             _, N, T, end_T = falling(scene, law, p, before, closing, vT, np.sign(m), slip_rate)
                         old_T = scene.last_T
                         if rigid and lasting and not np.isnan(old_T) and (was == STICK or T * old_T < 0.0):
-                            # Friction before the change, but not an impact's, for that part of the step or back from
+                            # Friction before the change, but no impact, for that part of the step or back from
                             # the last one.
                             share = locate(scene, law, was, p, stick_N, vN, vT, last_rate)
                             less_T = (share - 0.5) * (old_T - T)
