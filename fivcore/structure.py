@@ -43,8 +43,8 @@ ROWS = ("normal", "tangential", "inertia", "output", "load")
 # Modes that move the gaps below the default cut-off of motion (the paper's rig: 115 kHz); a mode does if its share
 # of a gap's inverse mass is above PART of the mean up to it (`python -m tests.benchmarks constants`).
 MOTION_MODES, PART = 39, 1e-3
-# Least frequency of the contact, in units of that of the highest kept mode, with which these are enough: of bending
-# beams it is root 3, of rods 1; rigs of beams have 1.48 or more, solids 0.5 to 1.2. These need twice as many modes.
+# Least frequency of the contact, in units of that of the highest kept mode, with which these are enough: it is
+# root 3 of bending beams and 1 of rods; rigs of beams have 1.48 or more, solids 0.5 to 1.2 and twice as many modes.
 SLENDER = 2.0**0.5
 # Most modes in motion, whether they move the gaps or not.
 MOST_MODES = 400
@@ -266,8 +266,8 @@ class Structure(Structural, ReadOnlyArrays):
         rayleigh = None if content["rayleigh"] is None else (content["rayleigh"][0], content["rayleigh"][1])
         found = cls(**rows, rayleigh=rayleigh, static=int(content["static"]), remarks=tuple(content["remarks"]))
         wider, struck = content.get("wider"), content.get("struck")
-        own = {"cutoff": content.get("cutoff"), "struck": None if struck is None else np.array(struck, float)}
-        return replace(found, **own, wider=cls.from_dict(wider) if wider else None)
+        found = replace(found, cutoff=content.get("cutoff"), wider=cls.from_dict(wider) if wider else None)
+        return found if struck is None else replace(found, struck=np.array(struck, float))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Structure) and self.digest == other.digest
@@ -522,7 +522,7 @@ def motion_cutoff(own: Structure, most: int = MOST_MODES, number: int | None = N
 
 
 def _slender(own: Structure, cutoff: float) -> bool:
-    """Whether the kept modes' mass on the compliance of the others oscillates `SLENDER` times as fast as they do."""
+    """Whether the kept modes' mass on the others' compliance oscillates `SLENDER` times as fast as they do."""
     kept, shapes = own.stiffness < (2.0 * np.pi * cutoff) ** 2, np.stack([own.normal, own.tangential])
     flexibility = residual_flexibility(own.stiffness[~kept], *shapes[:, ~kept])
     least = SLENDER**2 * own.stiffness[kept].max() * flexibility - shapes[:, kept] @ shapes[:, kept].T

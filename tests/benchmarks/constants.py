@@ -140,7 +140,9 @@ def structure_constants(full: bool) -> Iterator[str]:
             for number, found in by_modes(seed, scene, numbers).items():
                 errors[number].append(found)
         names = ", strips" if scenes and scenes[0][0] % 3 == 2 else ""
-        yield from (line(f"{number or 'default'} modes{names}", found) for number, found in errors.items() if found)
+        yield from (
+            line(f"{number or 'default'} modes{names}", found) for number, found in errors.items() if found
+        )
 
 
 def belts(step: float, full: bool) -> tuple[float, float]:
