@@ -44,7 +44,7 @@ ROWS = ("normal", "tangential", "inertia", "output", "load")
 # of a gap's inverse mass is above PART of the mean up to it (`python -m tests.benchmarks constants`).
 MOTION_MODES, PART = 39, 1e-3
 # Least frequency of the contact, in units of that of the highest kept mode, with which these are enough: it is
-# root 3 of bending beams and 1 of rods; rigs of beams have 1.48 or more, solids 0.5 to 1.2 and twice as many modes.
+# root 3 of bending beams, 1 of rods; rigs of beams have 1.48 or more, solids 0.5 to 1.2 and twice as many modes.
 SLENDER = 2.0**0.5
 # Most modes in motion, whether they move the gaps or not.
 MOST_MODES = 400
@@ -525,7 +525,7 @@ def _slender(own: Structure, cutoff: float) -> bool:
     """Whether the kept modes' mass on the others' compliance oscillates `SLENDER` times as fast as they do."""
     kept, shapes = own.stiffness < (2.0 * np.pi * cutoff) ** 2, np.stack([own.normal, own.tangential])
     flexibility = residual_flexibility(own.stiffness[~kept], *shapes[:, ~kept])
-    least = SLENDER**2 * own.stiffness[kept].max() * flexibility - shapes[:, kept] @ shapes[:, kept].T
+    least = SLENDER**2 * own.stiffness[kept].max(initial=0.0) * flexibility - shapes[:, kept] @ shapes[:, kept].T
     return bool(np.linalg.eigvalsh(least)[0] <= 0.0)
 
 

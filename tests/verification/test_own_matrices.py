@@ -100,7 +100,7 @@ def test_shares_by_default():
 
 @pytest.mark.slow
 def test_knock_thresholds():
-    """Most intervals that hold them meet; where a knock throws the bodies far apart, rounding decides on others."""
+    """Most intervals that hold them meet; where a knock throws bodies far apart, rounding decides on others."""
     ratios, apart_by = [], []
     for scene, own in map(pair, range(NUMBER)):
         mu = 0.9 * float(flutter_onsets(*seen(scene)).mu[0])
