@@ -8,8 +8,8 @@ import pytest
 from scipy import sparse
 
 from fivcore import InputError, Rig, Scene, State, Structure, flutter_onsets, simulate, sliding_modes
-from fivcore.contact.reduced import reduced_model
-from fivcore.structure import MOTION_MODES
+from fivcore.contact.reduced import STEP, reduced_model
+from fivcore.structure import MOTION_MODES, SLENDER
 from fivcore.transient.published import SHARE, default_step
 from tests.benchmarks.constants import by_modes, vibrating
 from tests.helpers import meshes
@@ -181,3 +181,13 @@ def test_the_cutoff_of_a_structure_has_converged():
 def test_the_cutoff_of_random_structures_has_converged():
     """Of pins under arms and bars on beams."""
     assert_converged(vibrating(21), 2)
+
+
+@pytest.mark.parametrize("seed", [50, 89])
+def test_a_step_of_a_solid_follows_its_highest_mode(seed):
+    """Most of its contact's compliance is above the cut-off, whose own oscillation is slower than the modes."""
+    model = reduced_model(meshes.structure(seed, 10e3), 0.0)
+    highest = float(np.sqrt(model.stiffness.max()))
+    assert model.contact_frequency < highest
+    assert model.default_step * highest <= STEP / SLENDER
+    assert len(model.stiffness) == 2 * MOTION_MODES
