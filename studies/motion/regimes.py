@@ -15,6 +15,8 @@ from sweeps import DONE, FAILED
 KINDS = (*REGIMES, "failed", "pending")
 VIBRATING = ("intermittent", "periodic", "irregular")
 STEADY = "steady sliding"
+# What the paper calls a periodic steady state: vibration without long sticks.
+WITHOUT_STICKS = ("periodic", "irregular")
 
 
 def kinds(dataset: xr.Dataset) -> NDArray[np.intp]:
