@@ -5,8 +5,8 @@ import pytest
 import xarray as xr
 
 from fivcore import Rig, Scene, simulate_many
-from studies import claims, paper
-from studies.gallery import damping
+from studies import claims, paper, registry
+from studies.gallery import damping, fig7
 from studies.motion import regimes, run
 from tests import HOME
 
@@ -80,6 +80,7 @@ def test_the_identified_damping_is_the_one_of_the_reference_by_the_stated_rule()
         at = [data.sel(each).load() for each in (claims.PRINTED, claims.IDENTIFIED)]
         assert float(at[1]["held"]) == data["held"].sel(d1=claims.PRINTED["d1"]).max()
     assert {"d1": Rig().d1, "d2": Rig().d2} == claims.PRINTED
+    assert f"(d2 = {claims.IDENTIFIED['d2']:g} s)" in (HOME / "README.md").read_text()
     # What linear stability says hardly depends on it.
     np.testing.assert_allclose(at[1]["onset_mu"], at[0]["onset_mu"], rtol=3e-3)
 
@@ -114,3 +115,39 @@ def test_the_published_scheme_moves_alike_at_three_points(point, monkeypatch):
         monkeypatch.setattr(run, "METHOD", method)
         found.append(damping.statements(Rig.of(**point), duration, **given)["stick_fraction"][0])
     np.testing.assert_allclose(found[1], found[0], atol=0.035)
+
+
+@pytest.fixture(scope="module")
+def histories(computed):
+    """Short runs of `fig7` with the printed and with the identified damping."""
+    return [computed("fig7", duration=0.3, V=[5e-3], **each) for each in (claims.PRINTED, claims.IDENTIFIED)]
+
+
+def test_the_papers_numbers_stand_beside_both_dampings_and_no_other(histories, computed):
+    study = registry.load("fig7")
+    for data, text in zip(histories, ("with the", f"d2 = {claims.IDENTIFIED['d2']:g} s, with the"), strict=True):
+        table = claims.beside(data, study.claims).set_index("quantity")
+        assert table["deviation"]["regime"] == "none"
+        assert table["paper"]["regime"] == "periodic, that is vibration without long sticks"
+        assert (table["paper"]["line height dB"], table["deviation"]["line height dB"]) == ("-", "-")
+        assert table["deviation"]["periodicity"].endswith(" %")
+        assert regimes.damping_text(data).startswith(text)
+    other = computed("fig7", duration=0.1, V=[5e-3], d1=claims.PRINTED["d1"], d2=3e-8)
+    assert not len(claims.beside(other, study.claims))
+
+
+def test_an_answer_has_its_interval():
+    data = xr.Dataset({"ratio": 0.5, "ratio_low": 0.4, "ratio_high": 0.6})
+    claim = claims.Claim("ratio", {}, 0.5, "1")
+    assert claims._interval(data, claim) == " (0.4 to 0.6)"
+    assert claims._interval(data.drop_vars("ratio_low"), claim) == ""
+    assert claims._interval(data.assign(ratio_high=np.nan), claim) == ""
+
+
+def test_a_lines_height_is_over_the_median_around_it():
+    frequency = np.arange(0.0, 1e4, 20.0)
+    power = np.where(frequency == 2600.0, 1e-4, np.where(np.abs(frequency - 2600.0) < 700.0, 1e-6, 1.0))
+    point = xr.Dataset({"spectrum_vibrating": ("frequency", power)}, {"frequency": frequency})
+    point = point.assign(dominant_frequency=2600.0, regime=KIND["irregular"])
+    assert fig7._line_height(point) == pytest.approx(20.0)
+    assert np.isnan(fig7._line_height(point.assign(regime=KIND["stuck"])))

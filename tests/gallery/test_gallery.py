@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from studies import claims, paper, reference, registry, runner, summary
+from studies import claims, make_reference, paper, reference, registry, runner, summary
 from studies.accuracy.study import COSTS
 from studies.plotting import figures
 from sweeps.storage.assemble import rounded
@@ -114,6 +114,9 @@ def test_the_claims_of_the_paper_stand_beside_its_own_rig_only():
             }
             other = data.assign_attrs(configuration=data.attrs["configuration"].replace("2.9434", "2.0"))
             assert not len(claims.beside(other, study.claims)), name
+    for name in make_reference.TWICE:
+        with xr.open_dataset(KEPT / make_reference.IDENTIFIED / name / f"{name}.nc") as data:
+            assert len(claims.beside(data, registry.load(name).claims)) == len(registry.load(name).claims), name
     assert (
         claims.Claim("onset_mu", {"onset": 0}, paper.ONSETS[0][0], "3.4.2, steps of 0.01")
         in registry.load("fig5").claims
