@@ -189,10 +189,11 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """How many statements hold with the printed damping and at most; the motion and the onsets there."""
     both = {"printed": _at(dataset, PRINTED), "identified": _at(dataset, identified(dataset))}
     best, highest = most(dataset), labels.number(float(dataset["held"].max()))
-    held = [f"With {_named(each)} {labels.number(float(each['held']))} statements" for each in both.values()]
+    count = dataset.sizes["statement"]
+    named = [f"{labels.number(float(each['held']))} of {count} hold with {_named(each)}" for each in both.values()]
     yield (
-        f"{held[0]} of the paper on motion hold, of {dataset.sizes['statement']}: the printed damping. {held[1]} "
-        f"hold, the most with that d1; nowhere more than {highest}, at {int(best.sum())} of {best.size} points."
+        f"Of the paper's statements on motion {named[0]}, the printed damping. {named[1].capitalize()}, the most "
+        f"with that d1; nowhere do more than {highest}, which do at {int(best.sum())} of {best.size} points."
     )
     table = {"statement": dataset["statement"].values, "section": dataset["section"].values}
     table |= {f"{name} %": 100.0 * each["truth"].values for name, each in both.items()}

@@ -17,7 +17,7 @@ from studies import paper
 KINDS = ("start_up", "sustained")
 # Over the paper's intermittent speeds; up to the end of intermittence; up to SLOW of it; up to it within SPAN, the
 # speeds, m/s, about those at which the paper has sticks.
-LAWS = ("start_up", "sustained", "sustained_slow", "sustained_span")
+LAWS = ("start_up", "sustained", "sustained_slow", "sustained_0.5_to_4_mm/s")
 SLOW, SPAN = 1.0 / 3.0, (0.5e-3, 4e-3)
 SAMPLES, COVERAGE, SEED = 2000, 0.95, 2010
 ENDS = {"": "", "_low": "lower end of the 95 % interval: ", "_high": "upper end of the 95 % interval: "}

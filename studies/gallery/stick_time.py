@@ -233,7 +233,7 @@ STUDY = Study(
     figure=draw,
     claims=(
         Claim("exponent", {"law": "start_up"}, -1.0, "3.5.4.2"),
-        Claim("exponent", {"law": "sustained_span"}, -1.0, "2, 3.5.4.2"),
+        Claim("exponent", {"law": "sustained_0.5_to_4_mm/s"}, -1.0, "2, 3.5.4.2"),
         Claim("start_up_ratio", {}, paper.STICK_RATIO, "3.5.4.2"),
         Claim("sustained_ratio", {}, paper.STICK_RATIO, "3.5.4.2"),
     ),

@@ -28,7 +28,7 @@ SMALL = {
     "sensitivity": {"theta": [-5.0, 5.0, 9.0]},
     "robust": {"theta": [0.0, 5.0, 9.0], "samples": 64, "sobol_samples": 16},
     "regimes": {"V": [1e-3, 5e-3], "mu": [0.05, 0.2]} | ENSEMBLE,
-    "damping": {"d1": [50.0], "d2": [1e-8, 2e-7], "members": 2, "duration": 0.4},
+    "damping": {"d1": [50.0], "d2": [1e-8, 2e-7], "members": 2, "duration": 0.2},
     "stribeck": {"V": [1e-3, 4e-3], "kinetic_ratio": [0.8, 1.0]} | ENSEMBLE,
     "hysteresis": {"mu": [0.1, 0.12], "hold": 0.1, "member": [1, 2]},
     "basins": {"mu": [0.09, 0.1, 0.115], "most": 20, "duration": 0.2},
@@ -39,7 +39,7 @@ SMALL = {
 }
 
 
-LONG = ("accuracy", "stress", "classics", "basins", "stick_time", "robust", "hysteresis")
+LONG = ("accuracy", "stress", "classics", "damping", "basins", "stick_time", "robust", "hysteresis")
 
 
 @pytest.fixture(scope="module")
