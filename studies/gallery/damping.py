@@ -217,7 +217,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 
 # Small planes across, and the modal damping ratios at the paper's frequency that are drawn, %.
-ACROSS, RATIOS = 4, (0.1, 0.2, 0.5, 1.0)
+ACROSS, RATIOS = 5, (0.1, 0.2, 0.5, 1.0)
 MARKS: dict[str, dict[str, Any]] = {
     "printed": {"marker": "D", "color": figures.RED, "markeredgecolor": "white", "markersize": 7.0},
     "identified": {"marker": "*", "color": "white", "markeredgecolor": "black", "markersize": 13.0},
@@ -245,7 +245,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     figure.supxlabel(fill(f"Statements that hold {text}." if text else "", 115), fontsize=7.5)
     for k, (name, axes) in enumerate(panels.items()):
         mesh = planes.cells(axes, truth[name], "d1", "d2", vmin=0.0, vmax=1.0)
-        axes.set_title(fill(f"({chr(ord('b') + k)}) {name}", 22), loc="left", fontsize=7.5)
+        axes.set_title(fill(f"({chr(ord('b') + k)}) {name}", 19), loc="left", fontsize=7.0)
         _mark(axes, dataset, 0.6)
         axes.tick_params(labelsize=6.5, labelleft=k % ACROSS == 0, labelbottom=k + ACROSS >= len(varies))
         axes.set(**{"xlabel": ""} if k + ACROSS < len(varies) else {}, **{"ylabel": ""} if k % ACROSS else {})
