@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import studies
 from fivcore import Rig, Scene, simulate_many
-from studies import claims, paper, registry
+from studies import claims, make_reference, paper, registry
 from studies.gallery import damping, fig7
 from studies.motion import regimes, run
+from sweeps import InputError
 from tests import HOME
 
 REFERENCE = HOME / "results" / "reference" / "damping" / "damping.nc"
@@ -151,3 +153,8 @@ def test_a_lines_height_is_over_the_median_around_it():
     point = point.assign(dominant_frequency=2600.0, regime=KIND["irregular"])
     assert fig7._line_height(point) == pytest.approx(20.0)
     assert np.isnan(fig7._line_height(point.assign(regime=KIND["stuck"])))
+
+
+def test_no_run_writes_among_the_results_of_the_identified_damping():
+    with pytest.raises(InputError, match="runs only read the reference"):
+        studies.run("fig5", out=REFERENCE.parent.parent / make_reference.IDENTIFIED)
