@@ -205,15 +205,12 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     rows = [(float(each["d1"]), *np.sort(each["d2"][each.values].values)[[0, -1]]) for each in best if each.any()]
     yield "Where most statements hold", pd.DataFrame(rows, columns=["d1 1/s", "d2 from s", "to"])
     names = ["scene", "regime", *QUANTITIES[:5], QUANTITIES[6]]
-    yield from (
-        (f"Motion with {_named(each)}; middle of the realisations", summary.frame(each, names))
-        for each in both.values()
-    )
-    onsets = {name: summary.frame(each, ["onset_mu", "onset_frequency"]) for name, each in both.items()}
-    yield (
-        "Onsets of flutter",
-        pd.concat(onsets, axis=1).set_axis([f"{name} {head}" for name in both for head in ("mu", "Hz")], axis=1),
-    )
+    for each in both.values():
+        yield f"Motion with {_named(each)}; middle of the realisations", summary.frame(each, names)
+    table = {
+        f"{name} {key}": each[key].values for name, each in both.items() for key in ("onset_mu", "onset_frequency")
+    }
+    yield "Onsets of flutter, Hz", pd.DataFrame(table)
 
 
 # Small planes across, and the modal damping ratios at the paper's frequency that are drawn, %.
@@ -265,8 +262,7 @@ def _draw_held(axes: Axes, dataset: xr.Dataset) -> list[Any]:
     held = dataset["held"].astype(float)
     low, high = np.nan_to_num([held.min(), held.max()])
     mesh: ScalarMappable = planes.cells(axes, held, "d1", "d2", vmin=low, vmax=max(high, low + 1.0))
-    text = f"(a) statements that hold, of {dataset.sizes['statement']}"
-    axes.set_title(text, loc="left", fontsize=9.0)
+    axes.set_title(f"(a) statements that hold, of {dataset.sizes['statement']}", loc="left", fontsize=9.0)
     axes.figure.colorbar(mesh, ax=axes, location="bottom", aspect=40, pad=0.02)
     omega = 2.0 * np.pi * paper.SIMULATED_LINE
     ratio = 100.0 * (0.5 * dataset["d1"] / omega + 0.5 * dataset["d2"] * omega).transpose("d2", "d1")
@@ -277,13 +273,7 @@ def _draw_held(axes: Axes, dataset: xr.Dataset) -> list[Any]:
         handles.append(Line2D([], [], color=figures.GREY, linewidth=0.8, label="modal damping\nat 2.7 kHz"))
     d1, d2 = xr.broadcast(dataset["d1"], dataset["d2"])
     best = most(dataset).transpose(*d1.dims).values
-    look: dict[str, Any] = {
-        "marker": ".",
-        "color": "black",
-        "markersize": 4.0,
-        "linestyle": "none",
-        "label": f"most: {high:.0f}",
-    }
+    look: dict[str, Any] = {"marker": ".", "color": "black", "linestyle": "none", "label": f"most: {high:.0f}"}
     return handles + planes.marks(axes, zip(d1.values[best], d2.values[best], strict=True), **look)
 
 
