@@ -83,7 +83,7 @@ def plan(
     one = registry.resolve(study) if file is None else study
     assert not isinstance(one, str)
     file = file or file_of(one.name, out)
-    if is_own(results_folder(out)):
+    if is_own(results_folder(out)) or is_own(results_folder(out).parent):
         raise InputError(f"{results_folder(out)}: runs only read the reference; choose another folder (out=...)")
     values = request.values_of(one)
     sweep = one.sweep(values, **request.points_of(one))

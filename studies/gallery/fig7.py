@@ -31,6 +31,8 @@ MOST_ROWS = 6
 DEPTH = 100.0
 # A peak within this share of a multiple of the dominant frequency is its harmonic.
 HARMONIC = 0.01
+# The foot of the main line is the median within this share of its frequency.
+FOOT = 0.25
 SPECTRA = {
     "spectrum": "power spectral density of the velocity of B after settling",
     "spectrum_vibrating": "power spectral density of the velocity of B after settling, outside long sticks",
@@ -46,6 +48,9 @@ OUTPUTS = (
 )
 CLAIMS = (
     *(Claim("regime", {"V": V}, kind, "2 and 3.5.3") for V, kind in paper.VIBRATION.items()),
+    # A periodic motion has an autocorrelation of 1, and of its lines the paper gives no width.
+    Claim("periodicity", {"V": max(paper.SPEEDS)}, 1.0, "2 and 3.5.3"),
+    Claim("line_height", {"V": max(paper.SPEEDS)}, np.nan, "no number"),
     *(Claim("dominant_frequency", {"V": V}, paper.SIMULATED_LINE, "3.5.3") for V in paper.SPEEDS),
 )
 
@@ -75,12 +80,21 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
     about = {"units": "Hz", "long_name": "natural frequency of the rig glued at its contact"}
     harmonics = [[_harmonic(dataset.isel(V=k), order) for order in (2, 3)] for k in range(dataset.sizes["V"])]
     text = "peak of the spectrum within 1 % of a multiple of the dominant frequency"
+    height = {"units": "dB", "long_name": "main line of the spectrum over the median within 25 % of its frequency"}
     return dataset.assign_coords(
         harmonic=("harmonic", [2, 3], {"units": "1", "long_name": "order of the harmonic"})
     ).assign(
         glued_frequency=("glued_mode", frequency, about),
         harmonic_frequency=(("V", "harmonic"), harmonics, {"units": "Hz", "long_name": text}),
+        line_height=("V", [_line_height(dataset.isel(V=k)) for k in range(dataset.sizes["V"])], height),
     )
+
+
+def _line_height(point: xr.Dataset) -> float:
+    """Height of the main line over its foot, dB: how sharp it is; NaN without vibration."""
+    main, frequency = float(regimes.dominant_frequency(point)), point["frequency"].values
+    near = point["spectrum_vibrating"].values[np.abs(frequency - main) <= FOOT * main]
+    return float(np.ptp(figures.decibels([near.max(), np.median(near)]))) if near.size else np.nan
 
 
 def _harmonic(point: xr.Dataset, order: int) -> float:
@@ -96,7 +110,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield f"The vibration is {kinds}, {regimes.damping_text(dataset)}."
     yield (
         f"Statistics and spectra start {run.SETTLING:g} s after the first slip; periodicity is the "
-        "autocorrelation after 20 periods."
+        "autocorrelation after 20 periods, line height that of the main line over the median around it."
     )
     named = [
         "V",
@@ -106,6 +120,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         "separation_fraction",
         "velocity_rms",
         "periodicity",
+        "line_height",
     ]
     yield "Motion", summary.frame(dataset, named)
     yield (

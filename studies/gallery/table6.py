@@ -63,6 +63,7 @@ CLAIMS = (
     Claim("dominant_frequency", AT, paper.ANGLES_SIMULATED[paper.THETA], "3.5.3, simulated"),
     *(Claim("frequency", AT | {"pair": k}, paper.ANGLES_UNSTABLE[paper.THETA][k - 1], "3.4.2") for k in (1, 2)),
     Claim("dominant_frequency", AT | {"theta": 10.0}, paper.ANGLES[10.0], "3.6, measured"),
+    Claim("regime", AT | {"theta": 10.0}, "periodic", "3.6, measured"),
     *(Claim("regime", AT | {"theta": x}, regimes.STEADY, "3.6, measured") for x in (15.0, *paper.STEADY_ANGLES)),
 )
 
