@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from studies.study import Study
     from sweeps import Plan, Progress
 
-__all__ = ["map", "open", "run"]  # two shadow built-ins, in this module only
+__all__ = ["fit", "map", "open", "run"]  # two shadow built-ins, in this module only
 
 
 def run(
@@ -100,6 +100,35 @@ def map(
     how = [options.pop(name, None) for name in ("scheduler", "workers", "progress")]
     one, planned = maps.plan(x, y, quantity, fix, refine=refine, tolerance=tolerance, **options)
     return _executed(one, planned, *how)
+
+
+def fit(
+    problem: str | Path | Mapping[str, Any],
+    *,
+    samples: int | None = None,
+    rounds: int | None = None,
+    seed: int | None = None,
+    out: str | Path | None = None,
+    fresh: bool = False,
+    scheduler: Any = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Find the parameters that give what was observed, store weighted draws with a figure, and return the dataset.
+
+    `problem` is the path of a TOML file as `fiv fit --help` describes it, or a dict like its content. There are
+    `rounds` rounds of `samples` draws each, by default 4 of 256; other options and errors are those of `run`. The
+    dataset has along `draw` each unknown, the `round`, the `weight` and the prediction of each target.
+    """
+    from studies import registry, runner
+    from studies.fitting import presentation, rounds as fitting
+    from studies.fitting.problem import read
+
+    one = read(problem, registry.resolve, samples=samples, rounds=rounds, seed=seed)
+    file, how = fitting.file_of(one, out), runner.backend(scheduler, workers)
+    dataset = fitting.run(one, file, lambda planned: planned.run(*how, progress), fresh=fresh)
+    runner.plot(presentation.STUDY, dataset, file)
+    return dataset
 
 
 def _executed(study: Study, planned: Plan, scheduler: Any, workers: Any, progress: Any) -> xr.Dataset:

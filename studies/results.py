@@ -20,8 +20,8 @@ from sweeps import InputError, MissingFileError
 if TYPE_CHECKING:
     import xarray as xr
 
-# The repository's own outcomes and maps, in the results folder.
-REFERENCE, MAPS = "reference", "map"
+# The repository's own outcomes, maps and fits, in the results folder.
+REFERENCE, MAPS, FITS = "reference", "map", "fit"
 # Dimensions of points that vary together: draws, and rows of a table.
 PATHS = ("sample", "row")
 
@@ -161,6 +161,11 @@ def _fixed(dataset: xr.Dataset) -> dict[str, Any]:
     """Value, units and long name of each fixed parameter."""
     fixed: dict[str, Any] = configuration(dataset).get("request", {}).get("fixed", {})
     return fixed
+
+
+def is_fit(dataset: xr.Dataset) -> bool:
+    """Whether a result is that of a fit (`studies.fitting`)."""
+    return {"unknown", "targets"} <= configuration(dataset).get("constants", {}).keys()
 
 
 def structure_in(dataset: xr.Dataset) -> dict[str, Any]:

@@ -1,0 +1,160 @@
+"""What a fit found, in sentences and tables, and its figure of pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from studies import labels, uncertainty
+from studies.fitting.sampling import effective_size
+from studies.plotting import figures
+from studies.results import configuration
+from studies.study import Study
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Ends of the intervals, and their share.
+ENDS, SHARE = (0.05, 0.5, 0.95), "90 %"
+# A target is met by a draw within so many standard deviations.
+MET = 2.0
+# Distance of posterior and prior distribution functions below which the data say nothing: Kolmogorov's at 1 %.
+SILENT, KOLMOGOROV = 0.1, 1.63
+# Effective draws below which intervals are rough.
+FEW = 100.0
+BINS, SMOOTH = 41, 1.5
+
+
+def quantiles(values: Any, weights: Any, levels: Any = ENDS) -> Any:
+    """Quantiles of weighted values."""
+    order = np.argsort(values)
+    below = np.cumsum(weights[order]) - 0.5 * weights[order]
+    return np.interp(levels, below / weights.sum(), values[order])
+
+
+def parts(dataset: xr.Dataset) -> tuple[dict[str, uncertainty.Distribution], list[Any], Any]:
+    """The priors of the unknowns, the targets, and the weights of a result."""
+    stated = configuration(dataset)["constants"]
+    units = {name: str(dataset[name].attrs.get("units", "1")) for name in stated["unknown"]}
+    priors = {name: uncertainty.parse(text, name, units[name]) for name, text in stated["unknown"].items()}
+    weights = dataset["weight"].values if "weight" in dataset else np.zeros(dataset.sizes["draw"])
+    return priors, stated["targets"], weights
+
+
+def silent(values: Any, prior: uncertainty.Distribution, weights: Any) -> bool:
+    """Whether the posterior of an unknown is its prior, as far as so many draws tell."""
+    order = np.argsort(values)
+    distance = np.abs(np.cumsum(weights[order]) / weights.sum() - prior.cdf(values[order])).max()
+    return bool(distance < max(SILENT, KOLMOGOROV / np.sqrt(effective_size(weights))))
+
+
+def summarise(dataset: xr.Dataset) -> Iterator[Any]:
+    """What the unknowns are, how far that is to be trusted, and predictions beside measurements."""
+    import pandas as pd
+
+    priors, targets, weights = parts(dataset)
+    if not weights.any():
+        yield "No weights yet: the first round is not finished."
+        return
+    rows, found, nothing = [], list[str](), list[str]()
+    for name, prior in priors.items():
+        unit, factor = labels.unit_of(dataset[name])
+        low, middle, high = factor * quantiles(dataset[name].values, weights)
+        before = factor * prior.ppf(ENDS)
+        found.append(f"{labels.title(name)} {middle:.4g} {unit} ({low:.4g} to {high:.4g})".replace("  ", " "))
+        nothing += [labels.title(name)] if silent(dataset[name].values, prior, weights) else []
+        rows.append((f"{name} {unit}".strip(), middle, low, high, before[1], before[0], before[2]))
+    yield f"Medians, and {SHARE} intervals: {', '.join(found)}."
+    ess, rounds = effective_size(weights), int(dataset["round"].max())
+    rough = "; intervals are rough, take more samples or rounds" if ess < FEW else ""
+    yield f"{len(weights)} draws in {rounds} rounds count like {ess:.0f} (effective sample size){rough}."
+    heads = ["unknown", "median", "5 %", "95 %", "prior median", "prior 5 %", "prior 95 %"]
+    yield "Unknowns", pd.DataFrame(rows, columns=heads)
+    if nothing:
+        yield f"The data say nothing of: {', '.join(nothing)}."
+    table, never = [], list[str]()
+    for target in targets:
+        values = dataset[target["name"]].values
+        finite = np.isfinite(values) & (weights > 0.0)
+        unit, factor = labels.unit_of(dataset[target["name"]])
+        low, middle, high = quantiles(values[finite], weights[finite])
+        spread = target["within"] or 0.5
+        away = np.abs(values - target["value"]) / spread
+        never += [] if np.nanmin(away) < MET else [f"{target['name']} (nearest {factor * values[np.nanargmin(away)]:.5g})"]
+        numbers = factor * np.array([target["value"], target["within"], middle, low, high])
+        table.append((f"{target['name']} {unit}".strip(), *numbers, (middle - target["value"]) / spread))
+    heads = ["target", "measured", "within", "predicted", "5 %", "95 %", "off by SDs"]
+    yield "Predictions beside measurements", pd.DataFrame(table, columns=heads)
+    if never:
+        yield f"No draw meets: {', '.join(never)}."
+    if missed := [row[0] for row in table if abs(row[-1]) > MET]:
+        yield f"Missed where the others are met: {', '.join(missed)}."
+
+
+def draw(dataset: xr.Dataset) -> Figure:
+    """Marginal posteriors with their priors, pairs with the densest 50 and 90 %, predictions beside measurements."""
+    priors, targets, weights = parts(dataset)
+    n, columns = len(priors), {name: labels.readable(dataset[name]) for name in priors}
+    # Predictions have the largest block above the diagonal.
+    right, wide = max(n // 2, 1), max(n, 2)
+    layout = [["targets" if k < right <= j else f"{k} {j}" if j <= k else "." for j in range(wide)] for k in range(n)]
+    width = max(16.0, 4.5 * wide)
+    figure, panels = figures.mosaic(layout, width, max(0.8 * width * n / wide, 8.0))
+    ends = {name: quantiles(values.values, weights, (0.002, 0.998)) for name, values in columns.items()}
+    edges = {name: np.linspace(low - 0.2 * (high - low), high + 0.2 * (high - low), BINS) for name, (low, high) in ends.items()}
+    for k, (y, prior) in enumerate(priors.items()):
+        for j, x in enumerate(list(priors)[: k + 1]):
+            axes = panels[f"{k} {j}"]
+            if x == y:
+                axes.hist(columns[x], edges[x], weights=weights, density=True, color=figures.BLUE, alpha=0.5)
+                before = np.diff(prior.cdf(edges[x] / labels.unit_of(dataset[x])[1])) / np.diff(edges[x])
+                axes.stairs(before, edges[x], color=figures.GREY)
+                axes.set_yticks([])
+            else:
+                _pair(axes, columns[x], columns[y], weights, edges[x], edges[y])
+            axes.set(xlim=edges[x][[0, -1]], xlabel=labels.label(dataset[x]) if k == n - 1 else "")
+            if k > j:
+                axes.set_ylabel(labels.label(dataset[y]) if j == 0 else "")
+    _predictions(panels["targets"], dataset, targets, weights)
+    figure.suptitle(f"{dataset.attrs['title']}: posterior (blue) and prior (grey)")
+    return figure
+
+
+def _pair(axes: Axes, x: Any, y: Any, weights: Any, across: Any, up: Any) -> None:
+    from scipy.ndimage import gaussian_filter
+
+    counts = gaussian_filter(np.histogram2d(x, y, [across, up], weights=weights)[0], SMOOTH)
+    ordered = np.sort(counts.ravel())[::-1]
+    levels = [ordered[np.searchsorted(np.cumsum(ordered), share * ordered.sum())] for share in (0.9, 0.5)]
+    middles = [0.5 * (each[1:] + each[:-1]) for each in (across, up)]
+    axes.contourf(*middles, counts.T, [*levels, 1.01 * ordered[0]], colors=[figures.BLUE], alpha=(0.3, 0.7))
+    axes.set_ylim(up[0], up[-1])
+
+
+def _predictions(axes: Axes, dataset: xr.Dataset, targets: Any, weights: Any) -> None:
+    """Predictions of each target, their medians and intervals, off the measurement by so many of its deviations."""
+    for k, target in enumerate(targets):
+        values = dataset[target["name"]].values
+        finite = np.isfinite(values) & (weights > 0.0)
+        off = (quantiles(values[finite], weights[finite]) - target["value"]) / (target["within"] or 1.0)
+        axes.plot(off[[0, 2]], [k, k], color=figures.BLUE)
+        axes.plot(off[1], k, "o", color=figures.BLUE, markersize=4.0)
+    axes.axvspan(-1.0, 1.0, color="#e0e0e0", zorder=0)
+    axes.set_yticks(range(len(targets)), [labels.title(target["name"]) for target in targets])
+    axes.set(xlabel="predicted - measured, in its standard deviations", ylim=(len(targets) - 0.5, -0.5))
+
+
+STUDY = Study(
+    name="fit",
+    title="Fit",
+    question="Which parameters give what was observed?",
+    parameters={},
+    outputs={"-": ("1", "")},
+    function=lambda: {},
+    summary=summarise,
+    figure=draw,
+)

@@ -1,0 +1,138 @@
+"""The rounds of a fit: sweeps over draws, each of which adds draws to the file of those before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.special import ndtr
+
+from fivcore.errors import SceneError
+from studies.fitting import sampling
+from studies.fitting.problem import Problem
+from studies.results import FITS, results_folder
+from sweeps import Axis, Grid, InputError, Store, Sweep, Variable
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from sweeps import Plan
+
+# Digits of a draw, which are the same on every processor.
+DIGITS = 9
+
+
+def file_of(problem: Problem, out: str | Path | None = None) -> Path:
+    """The netCDF file of a fit."""
+    return results_folder(out) / FITS / problem.name / f"{problem.name}.nc"
+
+
+def run(problem: Problem, file: Path, execute: Callable[[Plan], xr.Dataset], *, fresh: bool = False) -> xr.Dataset:
+    """Plan each round, let it be executed, and return the whole result; rounds that the file has are kept.
+
+    An `InputError` if no draw of the first round can be.
+    """
+    start, likelihoods = first(problem), np.zeros(0)
+    for number in range(problem.rounds):
+        z = sampling.replay(start, likelihoods, problem.samples, problem.seed)[1]
+        planned = sweep(problem, start, z).plan(file, fresh=fresh and not number)
+        dataset = execute(planned)
+        likelihoods = log_likelihood(problem, dataset)
+        if not np.isfinite(likelihoods).any():
+            Store(file).file.unlink(missing_ok=True)
+            raise InputError(f"no draw of {len(z)} survives: {_impossible(problem, dataset)}; change the priors")
+    return dataset
+
+
+def _impossible(problem: Problem, dataset: xr.Dataset) -> str:
+    never = [t.name for t in problem.targets if not np.isfinite(_misfit(t, dataset)).any()]
+    return f"{', '.join(never)} never has a value or holds" if never else "no draw has all targets together"
+
+
+def first(problem: Problem) -> sampling.Proposal:
+    """The first proposal: about a least-squares solution of the targets that are smooth, else the prior."""
+    smooth = [t for t in problem.targets if not (t.codes or problem.groups[t.group].study.chaotic)]
+    d = len(problem.priors)
+    if smooth:
+        part = Problem(**{**vars(problem), "targets": smooth})
+
+        def misfits(z: Any) -> Any:
+            found = predict(numbers(part, z), problem=part)
+            return np.stack([(found[t.name] - t.value) / t.within for t in smooth], axis=1)
+
+        if (found := sampling.best(misfits, d)) is not None:
+            return sampling.around(*found)
+    return (sampling.prior(d),)
+
+
+def numbers(problem: Problem, z: Any) -> dict[str, Any]:
+    """Unknowns at points of the standard normal prior, (n, d)."""
+    columns = [prior.ppf(ndtr(column)) for prior, column in zip(problem.priors.values(), z.T, strict=True)]
+    digits = [np.array([float(f"{value:.{DIGITS}g}") for value in column]) for column in columns]
+    return dict(zip(problem.priors, digits, strict=True))
+
+
+def sweep(problem: Problem, start: sampling.Proposal, z: Any) -> Sweep:
+    """The sweep over the draws of all rounds so far, (n, d)."""
+    draws = {"draw": Axis(np.arange(len(z)), long_name="number of the draw")}
+    draws |= {name: Axis(column, *problem.axes[name]) for name, column in numbers(problem, z).items()}
+    draws["round"] = Axis(1 + np.arange(len(z)) // problem.samples, long_name="round")
+    priors = {name: prior.described for name, prior in problem.priors.items()}
+    variables = {t.name: Variable(t.units, t.text) for t in problem.targets}
+    errors = {f"{t.name}_se": Variable(t.units, f"standard error: {t.text}") for t in problem.targets if t.has_error}
+    stated: dict[str, Any] = {
+        "unknown": {name: prior.text for name, prior in problem.priors.items()},
+        "targets": [{k: getattr(t, k) for k in ("name", "value", "within", "units", "codes")} for t in problem.targets],
+        "studies": [[g.study.name, g.sweep.constants, g.points] for g in problem.groups],
+        "samples": problem.samples, "seed": problem.seed,
+    }  # fmt: skip
+    return Sweep(
+        f"{FITS}_{problem.name}",
+        partial(predict, problem=problem),
+        Grid(draws, zipped=tuple(draws), sampling={"method": f"rounds, seed {problem.seed}", **priors}),
+        variables | errors,
+        stated,
+        code=("studies.fitting",),
+        title=f"Fit: {problem.name}",
+        derive=partial(weighted, problem, start),
+    )
+
+
+def predict(points: Mapping[str, Any], *, problem: Problem, **stated: Any) -> dict[str, Any]:
+    """The predictions of each draw; a draw that cannot be computed has its error, and NaN."""
+    rows, errors = list[Mapping[str, float]](), list[Exception | None]()
+    for k in range(len(next(iter(points.values())))):
+        try:
+            rows.append(problem.predictions({name: points[name][k].item() for name in problem.priors}))
+            errors.append(None)
+        except (ValueError, ArithmeticError, SceneError) as problem_of_draw:
+            rows.append({})
+            errors.append(problem_of_draw)
+    names = [n for t in problem.targets for n in (t.name, f"{t.name}_se")[: 1 + t.has_error]]
+    return {name: np.array([row.get(name, np.nan) for row in rows]) for name in names} | {"error": errors}
+
+
+def _misfit(target: Any, data: xr.Dataset) -> Any:
+    """The logarithm of a target's likelihood at each draw; -inf without a value."""
+    values = data[target.name].values
+    with np.errstate(divide="ignore"):
+        if target.codes:
+            return np.log(np.nan_to_num(values))
+        error = data[f"{target.name}_se"].values if target.has_error else 0.0
+        spread = np.hypot(target.within, np.nan_to_num(error))
+        return np.nan_to_num(-0.5 * ((values - target.value) / spread) ** 2, nan=-np.inf) - np.log(spread)
+
+
+def log_likelihood(problem: Problem, dataset: xr.Dataset) -> Any:
+    """The logarithm of the likelihood of each draw, but for a constant; -inf where a target has no value."""
+    return np.sum([_misfit(target, dataset) for target in problem.targets], axis=0)
+
+
+def weighted(problem: Problem, start: sampling.Proposal, dataset: xr.Dataset) -> xr.Dataset:
+    """The dataset with the weight of each draw in the posterior; their sum is 1."""
+    weights, _ = sampling.replay(start, log_likelihood(problem, dataset), problem.samples, problem.seed)
+    about = {"long_name": "weight of the draw in the posterior", "units": "1"}
+    return dataset.assign(weight=("draw", weights, about))
