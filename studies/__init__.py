@@ -117,11 +117,12 @@ def fit(
     """Find the parameters that give what was observed, store weighted draws with a figure, and return the dataset.
 
     `problem` is the path of a TOML file as `fiv fit --help` describes it, or a dict like its content. There are
-    `rounds` rounds of `samples` draws each, by default 4 of 256; other options and errors are those of `run`. The
+    `rounds` rounds of `samples` draws each, by default 4 of 128; other options and errors are those of `run`. The
     dataset has along `draw` each unknown, the `round`, the `weight` and the prediction of each target.
     """
     from studies import registry, runner
-    from studies.fitting import presentation, rounds as fitting
+    from studies.fitting import presentation
+    from studies.fitting import rounds as fitting
     from studies.fitting.problem import read
 
     one = read(problem, registry.resolve, samples=samples, rounds=rounds, seed=seed)

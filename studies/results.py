@@ -165,7 +165,7 @@ def _fixed(dataset: xr.Dataset) -> dict[str, Any]:
 
 def is_fit(dataset: xr.Dataset) -> bool:
     """Whether a result is that of a fit (`studies.fitting`)."""
-    return {"unknown", "targets"} <= configuration(dataset).get("constants", {}).keys()
+    return set(configuration(dataset).get("constants", {})) >= {"unknown", "targets"}
 
 
 def structure_in(dataset: xr.Dataset) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from studies.cli.progress import announce_compiling
 
 FILE = click.argument("file", metavar="FILE.toml")
 DRAWS = (
-    click.option("--samples", type=int, metavar="N", help="Draws of each round; default: 256."),
+    click.option("--samples", type=int, metavar="N", help="Draws of each round; default: 128."),
     click.option("--rounds", type=int, metavar="K", help="Number of rounds; default: 4. More are added to those."),
     click.option("--seed", type=int, metavar="N", help="Seed of the draws; default: 0."),
 )
@@ -27,11 +27,12 @@ def fit(file: str, out: str | None, fresh: bool, scheduler: str | None, workers:
     \b
     fiv fit bench.toml
 
-    FILE.toml has priors under [unknown], NAME = a distribution as for --scatter (`length` is of both beams,
-    `p1_length` of one), and tables [[target]]: an `output` with `value` and `within`, one standard deviation of a
-    normal error, or `is`, a word such as "intermittent" or "not intermittent". `study` computes it with the
-    parameters in `at`; without a study it is a quantity of fiv map. [set] has parameters for all studies, `rig` the
-    file of a structure, of which d1, d2, damping_ratio, mass_scale, stiffness_scale and frequency_K may be unknown.
+    FILE.toml has under [unknown] NAME = a distribution as for --scatter (`length` is of both beams, `p1_length` of
+    one), and tables [[target]]. A target is an `output` with its measured `value`, and `within`, one standard
+    deviation of a normal error; or `is`, a word for it, "intermittent" or "not intermittent". A `study` computes
+    it where its parameters are as in `at`; without one it is a quantity of fiv map. [set] has parameters of all
+    studies. `rig` is the file of a structure, of which d1, d2, damping_ratio, mass_scale, stiffness_scale and
+    frequency_K, that of its mode K, can be unknown.
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import registry, runner
     from studies.fitting import presentation, problem, rounds

@@ -26,7 +26,7 @@ MET = 2.0
 SILENT, KOLMOGOROV = 0.1, 1.63
 # Effective draws below which intervals are rough.
 FEW = 100.0
-BINS, SMOOTH = 41, 1.5
+BINS, SMOOTH = 31, 1.2
 
 
 def quantiles(values: Any, weights: Any, levels: Any = ENDS) -> Any:
@@ -84,7 +84,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         low, middle, high = quantiles(values[finite], weights[finite])
         spread = target["within"] or 0.5
         away = np.abs(values - target["value"]) / spread
-        never += [] if np.nanmin(away) < MET else [f"{target['name']} (nearest {factor * values[np.nanargmin(away)]:.5g})"]
+        nearest = factor * values[np.nanargmin(away)]
+        never += [] if np.nanmin(away) < MET else [f"{target['name']} (nearest {nearest:.5g} {unit})"]
         numbers = factor * np.array([target["value"], target["within"], middle, low, high])
         table.append((f"{target['name']} {unit}".strip(), *numbers, (middle - target["value"]) / spread))
     heads = ["target", "measured", "within", "predicted", "5 %", "95 %", "off by SDs"]
@@ -96,26 +97,32 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """Marginal posteriors with their priors, pairs with the densest 50 and 90 %, predictions beside measurements."""
+    """Predictions beside measurements; each unknown with its prior; pairs, where the densest 50 and 90 % are."""
     priors, targets, weights = parts(dataset)
     n, columns = len(priors), {name: labels.readable(dataset[name]) for name in priors}
-    # Predictions have the largest block above the diagonal.
-    right, wide = max(n // 2, 1), max(n, 2)
-    layout = [["targets" if k < right <= j else f"{k} {j}" if j <= k else "." for j in range(wide)] for k in range(n)]
-    width = max(16.0, 4.5 * wide)
-    figure, panels = figures.mosaic(layout, width, max(0.8 * width * n / wide, 8.0))
-    ends = {name: quantiles(values.values, weights, (0.002, 0.998)) for name, values in columns.items()}
-    edges = {name: np.linspace(low - 0.2 * (high - low), high + 0.2 * (high - low), BINS) for name, (low, high) in ends.items()}
+    layout = [["targets"] * n, *([f"{k} {j}" if j <= k else "." for j in range(n)] for k in range(n))]
+    width, above = max(16.0, 4.5 * n), 3.0 + 0.4 * len(targets)
+    below = 0.8 * width / n
+    ratios = {"height_ratios": [above, *[below] * n]}
+    figure, panels = figures.mosaic(layout, width, above + n * below, gridspec_kw=ratios)
+    edges = dict[str, Any]()
+    for name, values in columns.items():
+        low, high = quantiles(values.values, weights, (0.002, 0.998))
+        edges[name] = np.linspace(1.2 * low - 0.2 * high, 1.2 * high - 0.2 * low, BINS)
     for k, (y, prior) in enumerate(priors.items()):
         for j, x in enumerate(list(priors)[: k + 1]):
             axes = panels[f"{k} {j}"]
             if x == y:
-                axes.hist(columns[x], edges[x], weights=weights, density=True, color=figures.BLUE, alpha=0.5)
+                axes.hist(
+                    columns[x].values, list(edges[x]), weights=weights, density=True, color=figures.BLUE, alpha=0.5
+                )
                 before = np.diff(prior.cdf(edges[x] / labels.unit_of(dataset[x])[1])) / np.diff(edges[x])
                 axes.stairs(before, edges[x], color=figures.GREY)
                 axes.set_yticks([])
+                axes.set_ylim(0.0, None)
             else:
                 _pair(axes, columns[x], columns[y], weights, edges[x], edges[y])
+            axes.locator_params(nbins=3)
             axes.set(xlim=edges[x][[0, -1]], xlabel=labels.label(dataset[x]) if k == n - 1 else "")
             if k > j:
                 axes.set_ylabel(labels.label(dataset[y]) if j == 0 else "")
@@ -136,7 +143,7 @@ def _pair(axes: Axes, x: Any, y: Any, weights: Any, across: Any, up: Any) -> Non
 
 
 def _predictions(axes: Axes, dataset: xr.Dataset, targets: Any, weights: Any) -> None:
-    """Predictions of each target, their medians and intervals, off the measurement by so many of its deviations."""
+    """Medians and intervals of the prediction of each target, by how many deviations it is off the measurement."""
     for k, target in enumerate(targets):
         values = dataset[target["name"]].values
         finite = np.isfinite(values) & (weights > 0.0)

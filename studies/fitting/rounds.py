@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,15 +13,19 @@ from scipy.special import ndtr
 
 from fivcore.errors import SceneError
 from studies.fitting import sampling
-from studies.fitting.problem import Problem
+from studies.fitting.problem import Model, Problem, Source
+from studies.fitting.structures import varied
 from studies.results import FITS, results_folder
-from sweeps import Axis, Grid, InputError, Store, Sweep, Variable
+from sweeps import Axis, Grid, InputError, Sweep, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from fivcore import Structure
     from sweeps import Plan
 
+# What a file says of a target.
+STATED = ("name", "value", "within", "codes")
 # Digits of a draw, which are the same on every processor.
 DIGITS = 9
 
@@ -42,26 +47,32 @@ def run(problem: Problem, file: Path, execute: Callable[[Plan], xr.Dataset], *, 
         dataset = execute(planned)
         likelihoods = log_likelihood(problem, dataset)
         if not np.isfinite(likelihoods).any():
-            Store(file).file.unlink(missing_ok=True)
+            file.unlink(missing_ok=True)
             raise InputError(f"no draw of {len(z)} survives: {_impossible(problem, dataset)}; change the priors")
     return dataset
 
 
 def _impossible(problem: Problem, dataset: xr.Dataset) -> str:
-    never = [t.name for t in problem.targets if not np.isfinite(_misfit(t, dataset)).any()]
+    never = [t.name for t in problem.model.targets if not np.isfinite(_misfit(t, dataset)).any()]
     return f"{', '.join(never)} never has a value or holds" if never else "no draw has all targets together"
 
 
 def first(problem: Problem) -> sampling.Proposal:
     """The first proposal: about a least-squares solution of the targets that are smooth, else the prior."""
-    smooth = [t for t in problem.targets if not (t.codes or problem.groups[t.group].study.chaotic)]
+    smooth = [t for t in problem.model.targets if not (t.codes or problem.model.sources[t.source].study.chaotic)]
     d = len(problem.priors)
     if smooth:
-        part = Problem(**{**vars(problem), "targets": smooth})
+        part = replace(problem.model, targets=smooth)
 
         def misfits(z: Any) -> Any:
-            found = predict(numbers(part, z), problem=part)
-            return np.stack([(found[t.name] - t.value) / t.within for t in smooth], axis=1)
+            rows = []
+            for draw in z:
+                try:
+                    found = predict(numbers(problem, draw[None]), model=part)
+                except (ValueError, ArithmeticError, SceneError):
+                    found = {}
+                rows.append([(np.ravel(found.get(t.name, np.nan))[0] - t.value) / t.within for t in smooth])
+            return np.array(rows)
 
         if (found := sampling.best(misfits, d)) is not None:
             return sampling.around(*found)
@@ -81,38 +92,56 @@ def sweep(problem: Problem, start: sampling.Proposal, z: Any) -> Sweep:
     draws |= {name: Axis(column, *problem.axes[name]) for name, column in numbers(problem, z).items()}
     draws["round"] = Axis(1 + np.arange(len(z)) // problem.samples, long_name="round")
     priors = {name: prior.described for name, prior in problem.priors.items()}
-    variables = {t.name: Variable(t.units, t.text) for t in problem.targets}
-    errors = {f"{t.name}_se": Variable(t.units, f"standard error: {t.text}") for t in problem.targets if t.has_error}
+    variables = {t.name: Variable(t.units, t.text) for t in problem.model.targets}
+    estimated = [t for t in problem.model.targets if t.has_error]
+    variables |= {f"{t.name}_se": Variable(t.units, f"standard error: {t.text}") for t in estimated}
     stated: dict[str, Any] = {
         "unknown": {name: prior.text for name, prior in problem.priors.items()},
-        "targets": [{k: getattr(t, k) for k in ("name", "value", "within", "units", "codes")} for t in problem.targets],
-        "studies": [[g.study.name, g.sweep.constants, g.points] for g in problem.groups],
+        "targets": [{k: getattr(t, k) for k in STATED} for t in problem.model.targets],
+        "studies": [[each.study.name, each.values] for each in problem.model.sources],
         "samples": problem.samples, "seed": problem.seed,
     }  # fmt: skip
     return Sweep(
         f"{FITS}_{problem.name}",
-        partial(predict, problem=problem),
+        partial(predict, model=problem.model),
         Grid(draws, zipped=tuple(draws), sampling={"method": f"rounds, seed {problem.seed}", **priors}),
-        variables | errors,
+        variables,
         stated,
-        code=("studies.fitting",),
         title=f"Fit: {problem.name}",
         derive=partial(weighted, problem, start),
     )
 
 
-def predict(points: Mapping[str, Any], *, problem: Problem, **stated: Any) -> dict[str, Any]:
-    """The predictions of each draw; a draw that cannot be computed has its error, and NaN."""
-    rows, errors = list[Mapping[str, float]](), list[Exception | None]()
-    for k in range(len(next(iter(points.values())))):
-        try:
-            rows.append(problem.predictions({name: points[name][k].item() for name in problem.priors}))
-            errors.append(None)
-        except (ValueError, ArithmeticError, SceneError) as problem_of_draw:
-            rows.append({})
-            errors.append(problem_of_draw)
-    names = [n for t in problem.targets for n in (t.name, f"{t.name}_se")[: 1 + t.has_error]]
-    return {name: np.array([row.get(name, np.nan) for row in rows]) for name in names} | {"error": errors}
+def predict(points: Mapping[str, Any], *, model: Model, **stated: Any) -> dict[str, Any]:
+    """The prediction of each target at each draw, its standard error where a study has one, and what failed."""
+    of_studies = {name for source in model.sources for name in source.unknowns.values()}
+    own = points.keys() - of_studies - {"draw", "round"}
+    count, structure = len(next(iter(points.values()))), model.structure
+    if own and count > 1:
+        # Each draw has its own structure.
+        each = [predict({k: v[[n]] for k, v in points.items()}, model=model) for n in range(count)]
+        return {name: np.concatenate([row[name] for row in each]) for name in each[0]}
+    if structure is not None:
+        structure = varied(structure, {name: points[name].item() for name in own})
+    data = [_outputs(source, points, structure) for source in model.sources]
+    failed = [" ".join({*np.ravel(row)} - {""}) for each in data for row in each["error"].values]
+    reasons = [" ".join(filter(None, failed[k::count])) for k in range(count)]
+    found: dict[str, Any] = {"error": [RuntimeError(reason) if reason else None for reason in reasons]}
+    for target in model.targets:
+        for end in ("", "_se")[: 1 + target.has_error]:
+            array = data[target.source][f"{target.output}{end}"].sel(target.chosen)
+            if target.codes:
+                array = array.isin(target.codes).mean([dim for dim in array.dims if dim == "member"])
+            found[f"{target.name}{end}"] = array.values.reshape(count, -1)[:, target.entry]
+    return found
+
+
+def _outputs(source: Source, points: Mapping[str, Any], structure: Structure | None) -> xr.Dataset:
+    """The outputs of a source at draws, along the first dimension, `row`."""
+    rows = {parameter: points[name] for parameter, name in source.unknowns.items()}
+    own = None if structure is None else structure.to_dict()
+    found = source.study.sweep(source.values, rows=rows, structure=own).plan().run("sync")
+    return found if rows else found.expand_dims("row")
 
 
 def _misfit(target: Any, data: xr.Dataset) -> Any:
@@ -128,7 +157,7 @@ def _misfit(target: Any, data: xr.Dataset) -> Any:
 
 def log_likelihood(problem: Problem, dataset: xr.Dataset) -> Any:
     """The logarithm of the likelihood of each draw, but for a constant; -inf where a target has no value."""
-    return np.sum([_misfit(target, dataset) for target in problem.targets], axis=0)
+    return np.sum([_misfit(target, dataset) for target in problem.model.targets], axis=0)
 
 
 def weighted(problem: Problem, start: sampling.Proposal, dataset: xr.Dataset) -> xr.Dataset:

@@ -1,9 +1,9 @@
 """Adaptive importance sampling of a posterior whose prior is a standard normal distribution.
 
-Population Monte Carlo (Cappé et al., J. Comput. Graph. Stat. 13, 2004, 907-929): each round draws from a mixture of
-normal kernels about the weighted draws of all rounds before. Weights have the mixture of all rounds' proposals as
-denominator (Veach and Guibas 1995; Cornuet et al., Scand. J. Stat. 39, 2012, 798-812), so that no round is lost, and
-a share of each proposal is the prior (Hesterberg, Technometrics 37, 1995, 185-194), so that they are bounded.
+Population Monte Carlo (Cappé et al., J. Comput. Graph. Stat. 13, 2004, 907-929): each round draws from a mixture
+of normal kernels about the weighted draws of all rounds before. Weights have the mixture of all rounds' proposals
+as denominator (Cornuet et al., Scand. J. Stat. 39, 2012, 798-812), so that no round is lost, and a share of each
+proposal is the prior (Hesterberg, Technometrics 37, 1995, 185-194), so that they are bounded.
 """
 
 from __future__ import annotations
@@ -47,11 +47,10 @@ class Part:
 
     def log_density(self, z: Array) -> Array:
         """Logarithm of the density at points (n, d), times the share."""
-        from scipy.linalg import solve_triangular
         from scipy.spatial.distance import cdist
         from scipy.special import logsumexp
 
-        white = [solve_triangular(self.factor, each.T, lower=True).T for each in (z, self.centres)]
+        white = [each @ np.linalg.inv(self.factor).T for each in (z, self.centres)]
         blocks = np.array_split(white[0], len(z) * len(self.centres) // MOST_ENTRIES + 1)
         distances = (cdist(block, white[1], "sqeuclidean") for block in blocks)
         sums = [logsumexp(-0.5 * each, b=self.weights, axis=1) for each in distances]
@@ -82,7 +81,7 @@ def around(best: Array, covariance: Array) -> Proposal:
 
 
 def draws(proposal: Proposal, count: int, seed: int) -> Array:
-    """Draws (count, d) by scrambled Sobol points, the first of whose dimensions chooses the normal distribution."""
+    """Draws (count, d) by scrambled Sobol points, whose first dimension chooses the normal distribution."""
     from scipy.special import ndtri
 
     d = proposal[0].centres.shape[1]
@@ -139,10 +138,10 @@ def next_proposal(z: Array, log_likelihood: Array, proposals: Sequence[Proposal]
 
 
 def replay(start: Proposal, log_likelihood: Array, samples: int, seed: int) -> tuple[Array, Array]:
-    """Weights (n,) of the draws of the first rounds, and all draws (n + samples, d) up to those of the next round.
+    """Weights (n,) of the draws of the first rounds, and all draws (n + samples, d) up to the next round's.
 
-    `start` is the first round's proposal; `log_likelihood` (n,) has `samples` draws of each round, -inf where there
-    is no value. Each round has a seed of its own.
+    `start` is the first round's proposal; `log_likelihood` (n,) has `samples` draws of each round, -inf where
+    there is no value. Each round has a seed of its own.
     """
     proposals, z, rounds = [start], draws(start, samples, seed), len(log_likelihood) // samples
     for k in range(1, rounds + 1):

@@ -1,4 +1,4 @@
-"""What can be unknown of a structure of one's own: its damping, scales of its matrices, frequencies of its modes."""
+"""What can be unknown of a structure: its damping, scales of its matrices, frequencies of its modes."""
 
 from __future__ import annotations
 
