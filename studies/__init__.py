@@ -10,6 +10,7 @@ from __future__ import annotations
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from contextlib import AbstractContextManager
     from pathlib import Path
     from typing import Any
 
@@ -112,7 +113,7 @@ def fit(
     fresh: bool = False,
     scheduler: Any = None,
     workers: int | None = None,
-    progress: Progress | None = None,
+    progress: bool | Progress | None = None,
 ) -> xr.Dataset:
     """Find the parameters that give what was observed, store weighted draws with a figure, and return the dataset.
 
@@ -124,23 +125,34 @@ def fit(
     from studies.fitting import presentation
     from studies.fitting import rounds as fitting
     from studies.fitting.problem import read
+    from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
     one = read(problem, registry.resolve, samples=samples, rounds=rounds, seed=seed)
     file, how = fitting.file_of(one, out), runner.backend(scheduler, workers)
-    dataset = fitting.run(one, file, lambda planned: planned.run(*how, progress), fresh=fresh)
+
+    def execute(planned: Plan) -> xr.Dataset:
+        with _callback(planned, progress) as callback:
+            return planned.run(*how, callback)
+
+    dataset = fitting.run(one, file, execute, fresh=fresh)
     runner.plot(presentation.STUDY, dataset, file)
     return dataset
 
 
 def _executed(study: Study, planned: Plan, scheduler: Any, workers: Any, progress: Any) -> xr.Dataset:
-    from contextlib import nullcontext
-
     from studies import runner
-    from studies.cli.progress import bar
     from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
-    with bar(planned.todo) if progress is True else nullcontext(progress or None) as callback:
+    with _callback(planned, progress) as callback:
         return runner.execute(study, planned, *runner.backend(scheduler, workers), callback).dataset
+
+
+def _callback(planned: Plan, progress: Any) -> AbstractContextManager[Progress | None]:
+    from contextlib import nullcontext
+
+    from studies.cli.progress import bar
+
+    return bar(planned.todo) if progress is True else nullcontext(progress or None)
 
 
 def open(name: str | Path, out: str | Path | None = None) -> xr.Dataset:

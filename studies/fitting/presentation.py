@@ -24,9 +24,11 @@ ENDS, SHARE = (0.05, 0.5, 0.95), "90 %"
 MET = 2.0
 # Distance of posterior and prior distribution functions below which the data say nothing: Kolmogorov's at 1 %.
 SILENT, KOLMOGOROV = 0.1, 1.63
+# Correlation from which on two unknowns are named together.
+TOGETHER = 0.7
 # Effective draws below which intervals are rough.
 FEW = 100.0
-BINS, SMOOTH = 31, 1.2
+BINS, SMOOTH = 26, 1.0
 
 
 def quantiles(values: Any, weights: Any, levels: Any = ENDS) -> Any:
@@ -45,11 +47,23 @@ def parts(dataset: xr.Dataset) -> tuple[dict[str, uncertainty.Distribution], lis
     return priors, stated["targets"], weights
 
 
-def silent(values: Any, prior: uncertainty.Distribution, weights: Any) -> bool:
-    """Whether the posterior of an unknown is its prior, as far as so many draws tell."""
-    order = np.argsort(values)
-    distance = np.abs(np.cumsum(weights[order]) / weights.sum() - prior.cdf(values[order])).max()
-    return bool(distance < max(SILENT, KOLMOGOROV / np.sqrt(effective_size(weights))))
+def learnt(dataset: xr.Dataset) -> tuple[list[str], list[str]]:
+    """Unknowns whose posterior is their prior, as far as so many draws tell, and pairs that are known together."""
+    priors, _, weights = parts(dataset)
+    levels = np.stack([prior.cdf(dataset[name].values) for name, prior in priors.items()])
+    spread = np.atleast_2d(np.cov(levels, aweights=weights))
+    together = spread / np.sqrt(np.outer(np.diag(spread), np.diag(spread)))
+    least = max(SILENT, KOLMOGOROV / np.sqrt(effective_size(weights)))
+    silent, pairs = list[str](), list[str]()
+    for k, (name, level) in enumerate(zip(priors, levels, strict=True)):
+        order = np.argsort(level)
+        distance = np.abs(np.cumsum(weights[order]) - level[order]).max()
+        if distance < least and not np.any(np.abs(np.delete(together[k], k)) > 2.0 * least):
+            silent.append(labels.title(name))
+        for j in range(k):
+            if abs(together[j, k]) > TOGETHER:
+                pairs.append(f"{labels.title(list(priors)[j])} with {labels.title(name)} ({together[j, k]:.2f})")
+    return silent, pairs
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
@@ -60,13 +74,12 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     if not weights.any():
         yield "No weights yet: the first round is not finished."
         return
-    rows, found, nothing = [], list[str](), list[str]()
+    rows, found = [], list[str]()
     for name, prior in priors.items():
         unit, factor = labels.unit_of(dataset[name])
         low, middle, high = factor * quantiles(dataset[name].values, weights)
         before = factor * prior.ppf(ENDS)
         found.append(f"{labels.title(name)} {middle:.4g} {unit} ({low:.4g} to {high:.4g})".replace("  ", " "))
-        nothing += [labels.title(name)] if silent(dataset[name].values, prior, weights) else []
         rows.append((f"{name} {unit}".strip(), middle, low, high, before[1], before[0], before[2]))
     yield f"Medians, and {SHARE} intervals: {', '.join(found)}."
     ess, rounds = effective_size(weights), int(dataset["round"].max())
@@ -74,8 +87,11 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield f"{len(weights)} draws in {rounds} rounds count like {ess:.0f} (effective sample size){rough}."
     heads = ["unknown", "median", "5 %", "95 %", "prior median", "prior 5 %", "prior 95 %"]
     yield "Unknowns", pd.DataFrame(rows, columns=heads)
-    if nothing:
-        yield f"The data say nothing of: {', '.join(nothing)}."
+    silent, pairs = learnt(dataset)
+    if silent:
+        yield f"The data say nothing of: {', '.join(silent)}."
+    if pairs:
+        yield f"Known together better than alone (correlation): {', '.join(pairs)}."
     table, never = [], list[str]()
     for target in targets:
         values = dataset[target["name"]].values
@@ -98,6 +114,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 def draw(dataset: xr.Dataset) -> Figure:
     """Predictions beside measurements; each unknown with its prior; pairs, where the densest 50 and 90 % are."""
+    from matplotlib.ticker import MaxNLocator
+
     priors, targets, weights = parts(dataset)
     n, columns = len(priors), {name: labels.readable(dataset[name]) for name in priors}
     layout = [["targets"] * n, *([f"{k} {j}" if j <= k else "." for j in range(n)] for k in range(n))]
@@ -105,33 +123,41 @@ def draw(dataset: xr.Dataset) -> Figure:
     below = 0.8 * width / n
     ratios = {"height_ratios": [above, *[below] * n]}
     figure, panels = figures.mosaic(layout, width, above + n * below, gridspec_kw=ratios)
-    edges = dict[str, Any]()
+    edges, log = dict[str, Any](), {name for name in priors if priors[name].text.startswith("log")}
     for name, values in columns.items():
         low, high = quantiles(values.values, weights, (0.002, 0.998))
-        edges[name] = np.linspace(1.2 * low - 0.2 * high, 1.2 * high - 0.2 * low, BINS)
+        if name in log:
+            edges[name] = np.geomspace(low**1.2 * high**-0.2, high**1.2 * low**-0.2, BINS)
+        else:
+            edges[name] = np.linspace(1.2 * low - 0.2 * high, 1.2 * high - 0.2 * low, BINS)
     for k, (y, prior) in enumerate(priors.items()):
         for j, x in enumerate(list(priors)[: k + 1]):
             axes = panels[f"{k} {j}"]
+            axes.set_xscale("log" if x in log else "linear")
             if x == y:
-                axes.hist(
-                    columns[x].values, list(edges[x]), weights=weights, density=True, color=figures.BLUE, alpha=0.5
-                )
-                before = np.diff(prior.cdf(edges[x] / labels.unit_of(dataset[x])[1])) / np.diff(edges[x])
-                axes.stairs(before, edges[x], color=figures.GREY)
-                axes.set_yticks([])
-                axes.set_ylim(0.0, None)
+                axes.hist(columns[x].values, list(edges[x]), weights=weights, color=figures.BLUE, alpha=0.5)
+                before = np.diff(prior.cdf(edges[x] / labels.unit_of(dataset[x])[1]))
+                axes.stairs(before, edges[x], color=figures.BLACK)
+                axes.set(yticks=[], ylim=(0.0, None))
             else:
+                axes.set_yscale("log" if y in log else "linear")
                 _pair(axes, columns[x], columns[y], weights, edges[x], edges[y])
-            axes.locator_params(nbins=3)
-            axes.set(xlim=edges[x][[0, -1]], xlabel=labels.label(dataset[x]) if k == n - 1 else "")
-            if k > j:
                 axes.set_ylabel(labels.label(dataset[y]) if j == 0 else "")
+            axes.set(xlim=edges[x][[0, -1]], xlabel=labels.label(dataset[x]) if k == n - 1 else "")
+            for name, side in ((x, axes.xaxis), (y, axes.yaxis)):
+                if name in log:
+                    # Matplotlib's own ticks over more than a decade.
+                    if edges[name][-1] < 10.0 * edges[name][0]:
+                        figures.one_two_five(side)
+                elif side.get_scale() == "linear" and len(side.get_ticklocs()):
+                    side.set_major_locator(MaxNLocator(4))
     _predictions(panels["targets"], dataset, targets, weights)
-    figure.suptitle(f"{dataset.attrs['title']}: posterior (blue) and prior (grey)")
+    figure.suptitle(f"{dataset.attrs['title']}: posterior (blue) and prior (line)")
     return figure
 
 
 def _pair(axes: Axes, x: Any, y: Any, weights: Any, across: Any, up: Any) -> None:
+    """The densest 50 and 90 % of a smoothed histogram of two unknowns."""
     from scipy.ndimage import gaussian_filter
 
     counts = gaussian_filter(np.histogram2d(x, y, [across, up], weights=weights)[0], SMOOTH)
@@ -152,6 +178,7 @@ def _predictions(axes: Axes, dataset: xr.Dataset, targets: Any, weights: Any) ->
         axes.plot(off[1], k, "o", color=figures.BLUE, markersize=4.0)
     axes.axvspan(-1.0, 1.0, color="#e0e0e0", zorder=0)
     axes.set_yticks(range(len(targets)), [labels.title(target["name"]) for target in targets])
+    axes.set_title("Predictions, median and 90 %; grey: within one standard deviation", fontsize=9.0)
     axes.set(xlabel="predicted - measured, in its standard deviations", ylim=(len(targets) - 0.5, -0.5))
 
 

@@ -99,7 +99,7 @@ def read(content: str | Path | Mapping[str, Any], resolve: Callable[[str], Study
         _check_keys(content, (*DEFAULTS, "rig"))
         given = {name: value for name, value in options.items() if value is not None}
         return _problem({**DEFAULTS, **content, **given}, folder, resolve)
-    except InputError as problem:
+    except ValueError as problem:
         raise InputError(f"{where}{problem}") from None
 
 
@@ -123,10 +123,10 @@ def _problem(found: Mapping[str, Any], folder: Path, resolve: Callable[[str], St
         who = f"target {number}"
         try:
             checks.instance("target", table, dict)
-            who = f"target {table.get('name') or table.get('output') or number}"
+            who = f"target {table.get('name') or ', '.join(_listed(table.get('output', str(number))))}"
             _check_keys(table, TARGET_KEYS)
             reader.add(table)
-        except InputError as problem:
+        except ValueError as problem:
             raise InputError(f"{who}: {problem}") from None
     for name in [*found["unknown"], *found["set"]]:
         if name not in reader.taken and name not in reader.priors:
@@ -150,8 +150,7 @@ class _Reader:
 
     def add(self, table: Mapping[str, Any]) -> None:
         """A target for each value, or for each point of a statement."""
-        states, outputs, at = "is" in table, table.get("output", "regime"), table.get("at", {})
-        outputs = outputs if isinstance(outputs, list) else [outputs]
+        states, outputs, at = "is" in table, _listed(table.get("output", "regime")), table.get("at", {})
         if states == ("value" in table) or states == ("within" in table) or not (states or "output" in table):
             raise InputError("it must have output, value and within, or is")
         if "study" in table:
@@ -170,6 +169,8 @@ class _Reader:
             if len(sweep.grid.axes[name]) > 1:
                 raise InputError(f"{name}: study {study.name} has a range of it; give its value in at")
         variables = sweep.variables
+        if len({variables[name].units for name in outputs}) > 1:
+            raise InputError("its outputs have different units; give each a table of its own")
         if states != bool((variable := variables[outputs[0]]).flags):
             kind = "words; write is" if variable.flags else "numbers; write value"
             raise InputError(f"{outputs[0]} has {kind} = ...")
@@ -200,7 +201,7 @@ class _Reader:
         values = {name: value for name, value in self.fixed.items() if name in takes} | dict(at)
         unknowns = {p: n for n in self.unknown for p in (n, f"p1_{n}", f"p2_{n}") if p in takes}
         self.taken |= takes
-        if (key := f"{study.name} {values}") in self._sweeps:
+        if (key := f"{study.name} {sorted(values.items())}") in self._sweeps:
             return self._sweeps[key]
         if not unknowns and not self.own.keys() & self.unknown:
             raise InputError(f"study {study.name} depends on no unknown: {', '.join(self.unknown)}")
@@ -226,6 +227,10 @@ class _Reader:
         self._sweeps[key] = len(self.sources), sweep
         self.sources.append(Source(bare, numbers, unknowns))
         return self._sweeps[key]
+
+
+def _listed(names: Any) -> list[str]:
+    return [str(name) for name in names] if isinstance(names, list) else [str(names)]
 
 
 def _of_members(variables: Mapping[str, Any], output: str, states: bool) -> str:

@@ -53,7 +53,7 @@ class Part:
         white = [each @ np.linalg.inv(self.factor).T for each in (z, self.centres)]
         blocks = np.array_split(white[0], len(z) * len(self.centres) // MOST_ENTRIES + 1)
         distances = (cdist(block, white[1], "sqeuclidean") for block in blocks)
-        sums = [logsumexp(-0.5 * each, b=self.weights, axis=1) for each in distances]
+        sums = [logsumexp(np.log(self.weights) - 0.5 * each, axis=1) for each in distances]
         scale = np.log(np.diag(self.factor)).sum() + 0.5 * z.shape[1] * np.log(2.0 * np.pi)
         return np.asarray(np.concatenate(sums) - scale + np.log(self.share))
 
