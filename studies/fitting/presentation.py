@@ -109,7 +109,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     if never:
         yield f"No draw meets: {', '.join(never)}."
     if missed := [row[0] for row in table if abs(row[-1]) > MET]:
-        yield f"Missed where the others are met: {', '.join(missed)}."
+        yield f"Predictions are off by more than {MET:g} standard deviations: {', '.join(missed)}."
 
 
 def draw(dataset: xr.Dataset) -> Figure:

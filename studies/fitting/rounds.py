@@ -43,7 +43,7 @@ def run(problem: Problem, file: Path, execute: Callable[[Plan], xr.Dataset], *, 
     start, likelihoods = first(problem), np.zeros(0)
     for number in range(problem.rounds):
         z = sampling.replay(start, likelihoods, problem.samples, problem.seed)[1]
-        planned = sweep(problem, start, z).plan(file, fresh=fresh and not number)
+        planned = sweep_of(problem, start, z).plan(file, fresh=fresh and not number)
         dataset = execute(planned)
         likelihoods = log_likelihood(problem, dataset)
         if not np.isfinite(likelihoods).any():
@@ -65,14 +65,13 @@ def first(problem: Problem) -> sampling.Proposal:
         part = replace(problem.model, targets=smooth)
 
         def misfits(z: Any) -> Any:
-            rows = []
-            for draw in z:
-                try:
-                    found = predict(numbers(problem, draw[None]), model=part)
-                except (ValueError, ArithmeticError, SceneError):
-                    found = {}
-                rows.append([(np.ravel(found.get(t.name, np.nan))[0] - t.value) / t.within for t in smooth])
-            return np.array(rows)
+            try:
+                found = predict(numbers(problem, z), model=part)
+            except (ValueError, ArithmeticError, SceneError):
+                if len(z) > 1:
+                    return np.concatenate([misfits(each[None]) for each in z])
+                found = {t.name: np.full(1, np.nan) for t in smooth}
+            return np.stack([(found[t.name] - t.value) / t.within for t in smooth], axis=1)
 
         if (found := sampling.best(misfits, d)) is not None:
             return sampling.around(*found)
@@ -86,7 +85,7 @@ def numbers(problem: Problem, z: Any) -> dict[str, Any]:
     return dict(zip(problem.priors, digits, strict=True))
 
 
-def sweep(problem: Problem, start: sampling.Proposal, z: Any) -> Sweep:
+def sweep_of(problem: Problem, start: sampling.Proposal, z: Any) -> Sweep:
     """The sweep over the draws of all rounds so far, (n, d)."""
     draws = {"draw": Axis(np.arange(len(z)), long_name="number of the draw")}
     draws |= {name: Axis(column, *problem.axes[name]) for name, column in numbers(problem, z).items()}
@@ -140,7 +139,11 @@ def _outputs(source: Source, points: Mapping[str, Any], structure: Structure | N
     """The outputs of a source at draws, along the first dimension, `row`."""
     rows = {parameter: points[name] for parameter, name in source.unknowns.items()}
     own = None if structure is None else structure.to_dict()
-    found = source.study.sweep(source.values, rows=rows, structure=own).plan().run("sync")
+    try:
+        sweep = source.study.sweep(source.values, rows=rows, structure=own)
+    except InputError as problem:
+        raise InputError(str(problem).removeprefix("points: row 1: ")) from None
+    found = sweep.plan().run("sync")
     return found if rows else found.expand_dims("row")
 
 

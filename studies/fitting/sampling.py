@@ -159,17 +159,21 @@ def best(misfits: Callable[[Array], Array], dimensions: int) -> tuple[Array, Arr
     """
     from scipy.optimize import least_squares
 
-    steps = np.concatenate([np.zeros((1, dimensions)), STEP * np.eye(dimensions)])
+    steps = STEP * np.concatenate([np.zeros((1, dimensions)), np.eye(dimensions), -np.eye(dimensions)])
 
     def residuals(z: Array) -> Array:
-        found = misfits(np.atleast_2d(z))
-        return np.concatenate([np.where(np.isfinite(found), found, NO_VALUE), np.atleast_2d(z)], axis=1)
+        found = misfits(z[None])[0]
+        return np.concatenate([np.where(np.isfinite(found), found, NO_VALUE), z])
 
     def slopes(z: Array) -> Array:
-        at, *moved = residuals(z + steps)
-        return np.stack([(each - at) / STEP for each in moved], axis=1)
+        # From one side where the other has no value, as beyond the end of a beam.
+        at, *moved = misfits(z + steps)
+        sides = np.split((np.stack(moved) - at) / STEP * np.repeat([[1.0], [-1.0]], dimensions, axis=0), 2)
+        known = np.isfinite(sides).astype(float)
+        mean = np.nan_to_num(sides).sum(axis=0) / np.maximum(known.sum(axis=0), 1.0)
+        return np.concatenate([mean.T, np.eye(dimensions)])
 
     if not np.all(np.isfinite(misfits(np.zeros((1, dimensions))))):
         return None
-    found = least_squares(lambda z: residuals(z)[0], np.zeros(dimensions), slopes, x_scale=1.0)
+    found = least_squares(residuals, np.zeros(dimensions), slopes, x_scale=1.0)
     return found.x, np.linalg.inv(found.jac.T @ found.jac)

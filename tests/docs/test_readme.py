@@ -139,7 +139,8 @@ def reader(clone, fiv, undrawn, monkeypatch):
         if language == "toml":
             name = re.match(r"# (\S+\.toml)", text)[1]
             Path(name).write_text(text)
-            return Structure.read(name)
+            # Of a structure, or of a fit, which the command reads.
+            return None if "[[target]]" in text else Structure.read(name)
         if language == "sh":
             printed = []
             for line in commands(text):

@@ -51,7 +51,10 @@ WRONG = [
     ({"name": "../a"}, "name = '../a': it must be of letters, digits, _ and -"),
     ({"set": {"thteta": 5}}, "thteta: no target depends on it; did you mean theta?"),
     ({"set": {"contact_position": 0.08}}, "contact_position: it is unknown and has a value; leave one out"),
-    ({"unknown": {"contact_positon": "normal:1:1"}}, "target glued_frequency_1, glued_frequency_2: study map_glued"),
+    (
+        {"unknown": {"contact_positon": "normal:1:1"}},
+        "target glued_frequency_1, glued_frequency_2: study map_glued",
+    ),
     (
         {"unknown": GOOD["unknown"] | {"V": "normal:1:1mm/s"}},
         "V: no target depends on it",
@@ -117,8 +120,14 @@ def test_a_mistake_is_one_line(change, message):
     [
         (None, "bench.toml: it cannot be read: No such file"),
         ("a = [", "bench.toml: it is not TOML"),
-        ("seed = -1\n[unknown]\nmu = 'uniform:0:1'\n[[target]]\nis = 'stuck'", "bench.toml: seed = -1: it must be"),
-        ("[unknown]\nmu = 'uniform:0:1'\n[[target]]\nis = 'stuc'\nat.V = 0.001", "target 1: is = 'stuc': did you mean stuck?"),
+        (
+            "seed = -1\n[unknown]\nmu = 'uniform:0:1'\n[[target]]\nis = 'stuck'",
+            "bench.toml: seed = -1: it must be",
+        ),
+        (
+            "[unknown]\nmu = 'uniform:0:1'\n[[target]]\nis = 'stuc'\nat.V = 0.001",
+            "target 1: is = 'stuc': did you mean stuck?",
+        ),
     ],
 )
 def test_the_command_refuses_a_file_and_writes_nothing(here, tmp_path, text, message):

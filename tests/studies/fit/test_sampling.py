@@ -47,6 +47,13 @@ def test_a_linear_model_has_its_normal_posterior(by_squares):
     assert np.abs(found - EXACT_COVARIANCE).max() < 5.0 * np.sqrt(2.0 / count) * EXACT_COVARIANCE.max()
 
 
+def test_least_squares_at_the_edge_of_what_can_be_has_its_slope_from_within():
+    """Beyond z = 0 there is no value, the best one is there, and its slope is 2."""
+    best, covariance = sampling.best(lambda z: np.where(z <= 0.0, 2.0 * z - 0.001, np.nan), 1)
+    assert best == pytest.approx([0.0], abs=0.01)
+    assert covariance == pytest.approx(np.array([[0.2]]), rel=1e-6)
+
+
 def test_weights_have_the_evidence_as_their_mean():
     start = sampling.around(*sampling.best(linear, 3))
     _, z, known = rounds(start, normal_errors, 1)
