@@ -135,7 +135,7 @@ def fit(
             return planned.run(*how, callback)
 
     dataset = fitting.run(one, file, execute, fresh=fresh)
-    runner.plot(presentation.STUDY, dataset, file)
+    runner.plot(presentation.study(dataset), dataset, file)
     return dataset
 
 

@@ -156,9 +156,9 @@ def study_of(dataset: xr.Dataset, whose: str = "dataset") -> Study:
     if not name or "status" not in dataset:
         raise InputError(f"{whose}: it is not the result of a study; give the file of one")
     if is_fit(dataset):
-        from studies.fitting.presentation import STUDY
+        from studies.fitting import presentation
 
-        return STUDY
+        return presentation.study(dataset)
     try:
         return registry.load(name)
     except InputError:

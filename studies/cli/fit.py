@@ -48,5 +48,6 @@ def fit(file: str, out: str | None, fresh: bool, scheduler: str | None, workers:
         with watched(planned) as last:
             return planned.run(*backend, last)
 
-    dataset, study = rounds.run(read, place, execute, fresh=fresh), presentation.STUDY
+    dataset = rounds.run(read, place, execute, fresh=fresh)
+    study = presentation.study(dataset)
     report(study, runner.RunResult(study, dataset, place, runner.plot(study, dataset, place)))

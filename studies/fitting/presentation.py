@@ -182,13 +182,7 @@ def _predictions(axes: Axes, dataset: xr.Dataset, targets: Any, weights: Any) ->
     axes.set(xlabel="predicted - measured, in its standard deviations", ylim=(len(targets) - 0.5, -0.5))
 
 
-STUDY = Study(
-    name="fit",
-    title="Fit",
-    question="Which parameters give what was observed?",
-    parameters={},
-    outputs={"-": ("1", "")},
-    function=lambda: {},
-    summary=summarise,
-    figure=draw,
-)
+def study(dataset: xr.Dataset) -> Study:
+    """A study that presents the result of a fit."""
+    about = str(dataset.attrs["sweep"]), str(dataset.attrs["title"]), "Which parameters give what was observed?"
+    return Study(*about, {}, {"-": ("1", "")}, lambda: {}, summary=summarise, figure=draw)
