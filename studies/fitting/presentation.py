@@ -185,4 +185,5 @@ def _predictions(axes: Axes, dataset: xr.Dataset, targets: Any, weights: Any) ->
 def study(dataset: xr.Dataset) -> Study:
     """A study that presents the result of a fit."""
     about = str(dataset.attrs["sweep"]), str(dataset.attrs["title"]), "Which parameters give what was observed?"
-    return Study(*about, {}, {"-": ("1", "")}, lambda: {}, summary=summarise, figure=draw)
+    figure = draw if "weight" in dataset else None  # a first round that is not finished has none
+    return Study(*about, {}, {"-": ("1", "")}, lambda: {}, summary=summarise, figure=figure)
