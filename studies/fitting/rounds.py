@@ -123,9 +123,8 @@ def predict(points: Mapping[str, Any], *, model: Model, **stated: Any) -> dict[s
     if structure is not None:
         structure = varied(structure, {name: points[name].item() for name in own})
     data = [_outputs(source, points, structure) for source in model.sources]
-    failed = [" ".join({*np.ravel(row)} - {""}) for each in data for row in each["error"].values]
-    reasons = [" ".join(filter(None, failed[k::count])) for k in range(count)]
-    found: dict[str, Any] = {"error": [RuntimeError(reason) if reason else None for reason in reasons]}
+    errors = [np.concatenate([np.ravel(each["error"][k]) for each in data]) for k in range(count)]
+    found: dict[str, Any] = {"error": [next((RuntimeError(text) for text in row if text), None) for row in errors]}
     for target in model.targets:
         for end in ("", "_se")[: 1 + target.has_error]:
             array = data[target.source][f"{target.output}{end}"].sel(target.chosen)

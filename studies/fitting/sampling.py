@@ -26,6 +26,8 @@ AROUND_BEST = {1.0: 0.6, 9.0: 0.3}
 LEAST_COUNTING = 0.1
 # Step of difference quotients, in standard deviations of the prior.
 STEP = 1e-3
+# Relative change of the sum of squares at which a solution is close enough to draw about it.
+CLOSE = 1e-4
 # Misfit of a draw without a value, in standard deviations.
 NO_VALUE = 1e4
 # Entries of a table of distances.
@@ -175,5 +177,5 @@ def best(misfits: Callable[[Array], Array], dimensions: int) -> tuple[Array, Arr
 
     if not np.all(np.isfinite(misfits(np.zeros((1, dimensions))))):
         return None
-    found = least_squares(residuals, np.zeros(dimensions), slopes, x_scale=1.0)
+    found = least_squares(residuals, np.zeros(dimensions), slopes, x_scale=1.0, ftol=CLOSE)
     return found.x, np.linalg.inv(found.jac.T @ found.jac)

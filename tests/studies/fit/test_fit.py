@@ -7,11 +7,12 @@ from scipy import stats
 
 import studies
 from fivcore import Rig, Structure, glued_frequencies
-from studies import paper, registry, results
+from studies import paper, registry, results, runner
 from studies.fitting import presentation, problem, rounds, structures
 from sweeps import InputError
 from tests.docs import readmes
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 GLUED = [f"glued_frequency_{k}" for k in range(1, 9)]
 TRUE = {"contact_position": 0.0713, "head_mass": 2.1}
 PRIORS = {"contact_position": "uniform:50:100mm", "head_mass": "loguniform:1:10"}
@@ -33,7 +34,9 @@ def fitted(tmp_path_factory):
     """Three frequencies of a known rig, two unknowns that decide them and one that does not."""
     folder = tmp_path_factory.mktemp("fitted")
     stated = hammer(frequencies(**TRUE), name="known", unknown=PRIORS | {"d1": "uniform:10:100"})
-    return folder, stated, studies.fit(stated, samples=32, rounds=2, out=folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runner, "plot", lambda *_: [])
+        return folder, stated, studies.fit(stated, samples=32, rounds=2, out=folder)
 
 
 def test_a_known_rig_is_found_again(fitted):
@@ -64,10 +67,10 @@ def test_the_file_is_a_result_like_others(fitted, here):
     constants = results.configuration(data)["constants"]
     assert constants["unknown"]["head_mass"] == "loguniform:1:10"
     assert constants["targets"][0]["value"] == pytest.approx(frequencies(1, **TRUE)[0], rel=1e-8)
-    assert file.with_suffix(".png").stat().st_size > 10_000
+    (picture,) = runner.image(runner.study_of(data), data).values()
+    assert len(picture) > 10_000
     best = here("query", str(file), "--sort", "-weight", "--limit", "1", "--show", "contact_position,weight")
     assert float(best.stdout.split()[-2]) == pytest.approx(TRUE["contact_position"], rel=0.02)
-    assert here("plot", str(file)).returncode == 0
 
 
 def test_a_fit_that_was_stopped_goes_on_and_has_the_same_bits(fitted, tmp_path):
@@ -165,8 +168,8 @@ def ranks(count, folder, samples=64):
     return np.array(found)
 
 
-def test_two_rigs_are_where_their_posteriors_are(tmp_path):
-    found = ranks(2, tmp_path, 32)
+def test_a_rig_is_where_its_posterior_is(tmp_path):
+    found = ranks(1, tmp_path, 32)
     assert np.all((found > 0.001) & (found < 0.999))
 
 
