@@ -25,6 +25,8 @@ DEFAULTS = {"name": "fit", "set": {}, "unknown": {}, "target": [], "samples": 12
 TABLES = {"set": "a table of values", "unknown": "a table of distributions", "target": "tables [[target]]"}
 TARGET_KEYS = ("name", "study", "at", "output", "value", "within", "is")
 MOST_ROUNDS = 100
+# What a result has besides unknowns and targets.
+TAKEN = ("draw", "round", "weight")
 # Draws by which a study checks priors.
 CHECKED = 16
 
@@ -150,6 +152,7 @@ class _Reader:
 
     def add(self, table: Mapping[str, Any]) -> None:
         """A target for each value, or for each point of a statement."""
+        checks.instance("at", table.get("at", {}), dict)
         states, outputs, at = "is" in table, _listed(table.get("output", "regime")), table.get("at", {})
         if states == ("value" in table) or states == ("within" in table) or not (states or "output" in table):
             raise InputError("it must have output, value and within, or is")
@@ -187,7 +190,7 @@ class _Reader:
         names = [table.get("name", output) for output, _ in entries]
         for k, (output, entry) in enumerate(entries):
             name = f"{names[k]}_{k + 1}" if names.count(names[k]) > 1 else names[k]
-            if name in {*self.unknown, *(each.name for each in self.targets)}:
+            if name in {*TAKEN, *self.unknown, *(each.name for each in self.targets)}:
                 raise InputError(f"there are two of the name {name}; give one another name")
             has_error = not states and f"{output}_se" in variables
             text = f"share of members: {table['is']}" if states else variables[output].long_name
@@ -255,7 +258,7 @@ def _entries(study: Study, sweep: Sweep, output: str, chosen: Mapping[str, Any],
 def _codes(given: Any, flags: Mapping[int, str]) -> tuple[int, ...]:
     """The flags that a statement allows: those of a word, of a list of words, or all but those after "not "."""
     negative = isinstance(given, str) and given.startswith("not ")
-    words = [given.removeprefix("not ")] if isinstance(given, str) else list(given)
+    words = [given.removeprefix("not ")] if isinstance(given, str) else _listed(given)
     for word in words:
         if word not in flags.values():
             near = suggest(str(word), flags.values())

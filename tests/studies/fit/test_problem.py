@@ -86,11 +86,14 @@ WRONG_TARGETS = [
     ({"output": ["onset_mu", "onset_frequency"]}, "its outputs have different units"),
     ({"at": {"thet": 1}}, "thet: study map_glued has no such parameter; did you mean theta?"),
     ({"is": "intermittent", "value": None, "within": None, "output": "glued_frequency_1"}, "regimes computes no"),
+    ({"at": "theta = 5"}, "at = 'theta = 5': it must be"),
+    ({"output": "onset_mu", "value": 0.1, "within": 0.1, "name": "weight"}, "there are two of the name weight"),
     ({"output": "regime"}, "regime has words; write is = ..."),
 ]
 WRONG_STATEMENTS = [
     ({"is": "intermitent"}, "is = 'intermitent': did you mean intermittent? it must be one of undecided, stuck"),
     ({"at": {"V": "1mm/s"}}, "mu: study regimes has a range of it; give its value in at"),
+    ({"is": 3}, "is = '3': it must be one of undecided"),
     ({"output": "velocity_rms"}, "velocity_rms has numbers; write value = ..."),
 ]
 
