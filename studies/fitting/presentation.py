@@ -29,6 +29,7 @@ TOGETHER = 0.7
 # Effective draws below which intervals are rough.
 FEW = 100.0
 BINS, SMOOTH = 26, 1.0
+LOGARITHMIC = ("lognormal:", "loguniform:")
 
 
 def quantiles(values: Any, weights: Any, levels: Any = ENDS) -> Any:
@@ -51,8 +52,8 @@ def learnt(dataset: xr.Dataset) -> tuple[list[str], list[str]]:
     """Unknowns whose posterior is their prior, as far as so many draws tell, and pairs that are known together."""
     priors, _, weights = parts(dataset)
     levels = np.stack([prior.cdf(dataset[name].values) for name, prior in priors.items()])
-    spread = np.atleast_2d(np.cov(levels, aweights=weights))
-    together = spread / np.sqrt(np.outer(np.diag(spread), np.diag(spread)))
+    spread = np.atleast_2d(np.cov(levels, aweights=weights, ddof=0))
+    together = spread / np.maximum(np.sqrt(np.outer(np.diag(spread), np.diag(spread))), 1e-300)
     least = max(SILENT, KOLMOGOROV / np.sqrt(effective_size(weights)))
     silent, pairs = list[str](), list[str]()
     for k, (name, level) in enumerate(zip(priors, levels, strict=True)):
@@ -123,9 +124,12 @@ def draw(dataset: xr.Dataset) -> Figure:
     below = 0.8 * width / n
     ratios = {"height_ratios": [above, *[below] * n]}
     figure, panels = figures.mosaic(layout, width, above + n * below, gridspec_kw=ratios)
-    edges, log = dict[str, Any](), {name for name in priors if priors[name].text.startswith("log")}
+    edges, log = dict[str, Any](), {name for name in priors if priors[name].text.startswith(LOGARITHMIC)}
     for name, values in columns.items():
         low, high = quantiles(values.values, weights, (0.002, 0.998))
+        if not low < high:
+            # One draw has all the weight.
+            low, high = low - 1e-3 * abs(low) - 1e-12, high + 1e-3 * abs(high) + 1e-12
         if name in log:
             edges[name] = np.geomspace(low**1.2 * high**-0.2, high**1.2 * low**-0.2, BINS)
         else:

@@ -73,6 +73,15 @@ def test_the_file_is_a_result_like_others(fitted, here):
     assert float(best.stdout.split()[-2]) == pytest.approx(TRUE["contact_position"], rel=0.02)
 
 
+def test_a_fit_of_which_one_draw_is_left_is_shown_and_called_rough(fitted):
+    _, _, data = fitted
+    alone = data.assign(weight=data["weight"].copy(data=np.eye(1, 64, 3)[0]))
+    study = runner.study_of(alone)
+    text = " ".join(str(part) for part in study.summary(alone))
+    assert "count like 1 (effective sample size); intervals are rough" in text
+    assert len(runner.image(study, alone)[""]) > 10_000
+
+
 def test_a_fit_that_was_stopped_goes_on_and_has_the_same_bits(fitted, tmp_path):
     """Also with more rounds, in another order of threads; what is there is not computed again."""
     _, stated, data = fitted
