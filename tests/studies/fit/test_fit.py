@@ -6,7 +6,7 @@ import xarray as xr
 from scipy import stats
 
 import studies
-from fivcore import Rig, Structure, glued_frequencies
+from fivcore import Rig, Structure, flutter_onsets, glued_frequencies
 from studies import paper, registry, results, runner
 from studies.fitting import presentation, problem, rounds, structures
 from sweeps import InputError
@@ -160,6 +160,18 @@ def test_numbers_of_a_structure_change_what_they_say():
     np.testing.assert_allclose(structures.varied(ratios, {"stiffness_scale": 4.0}).damping, 2.0 * ratios.damping)
     with pytest.raises(InputError, match="damped by mode"):
         structures.varied(ratios, {"d1": 1.0})
+
+
+def test_a_stiffer_structure_is_found_by_its_onset(tmp_path):
+    """Frequencies grow with the root of the stiffness; the file of the structure lies beside that of the fit."""
+    (tmp_path / "pin.toml").write_text(readmes.blocks("toml", "studies/README.md")[0])
+    hertz = 1.1 * flutter_onsets(Structure.read(tmp_path / "pin.toml"), 0.0).frequency[0]
+    target = f'[[target]]\noutput = "onset_frequency"\nvalue = "{hertz:.9g}Hz"\nwithin = "0.5%"\n'
+    (tmp_path / "own.toml").write_text(f'rig = "pin.toml"\nunknown.stiffness_scale = "lognormal:1:0.3"\n{target}')
+    data = studies.fit(tmp_path / "own.toml", samples=16, rounds=1, out=tmp_path)
+    low, middle, high = presentation.quantiles(data["stiffness_scale"].values, data["weight"].values)
+    assert middle == pytest.approx(1.21, rel=0.01)
+    assert low < 1.21 < high
 
 
 def ranks(count, folder, samples=64):
