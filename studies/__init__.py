@@ -10,6 +10,7 @@ from __future__ import annotations
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from contextlib import AbstractContextManager
     from pathlib import Path
     from typing import Any
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from studies.study import Study
     from sweeps import Plan, Progress
 
-__all__ = ["map", "measure", "open", "run"]  # two shadow built-ins, in this module only
+__all__ = ["fit", "map", "measure", "open", "run"]  # two shadow built-ins, in this module only
 
 
 def run(
@@ -102,14 +103,47 @@ def map(
     return _executed(one, planned, *how)
 
 
-def _executed(study: Study, planned: Plan, scheduler: Any, workers: Any, progress: Any) -> xr.Dataset:
-    from contextlib import nullcontext
+def fit(
+    problem: str | Path | Mapping[str, Any],
+    *,
+    samples: int | None = None,
+    rounds: int | None = None,
+    seed: int | None = None,
+    out: str | Path | None = None,
+    fresh: bool = False,
+    scheduler: Any = None,
+    workers: int | None = None,
+    progress: bool | Progress | None = None,
+) -> xr.Dataset:
+    """Find the parameters that give what was observed, store weighted draws with a figure, and return the dataset.
 
-    from studies import runner
-    from studies.cli.progress import bar
+    `problem` is the path of a TOML file as `fiv fit --help` describes it, or a dict like its content. There are
+    `rounds` rounds of `samples` draws each, by default 4 of 128; other options and errors are those of `run`. The
+    dataset has along `draw` each unknown, the `round`, the `weight` and the prediction of each target.
+    """
+    from studies import registry, runner
+    from studies.fitting import presentation
+    from studies.fitting import rounds as fitting
+    from studies.fitting.problem import read
     from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
-    with bar(planned.todo) if progress is True else nullcontext(progress or None) as callback:
+    one = read(problem, registry.resolve, samples=samples, rounds=rounds, seed=seed)
+    file, how = fitting.file_of(one, out), runner.backend(scheduler, workers)
+
+    def execute(planned: Plan) -> xr.Dataset:
+        with _callback(planned, progress) as callback:
+            return planned.run(*how, callback)
+
+    dataset = fitting.run(one, file, execute, fresh=fresh)
+    runner.plot(presentation.study(dataset), dataset, file)
+    return dataset
+
+
+def _executed(study: Study, planned: Plan, scheduler: Any, workers: Any, progress: Any) -> xr.Dataset:
+    from studies import runner
+    from studies.query import accessor  # noqa: F401 - with the accessor .fiv
+
+    with _callback(planned, progress) as callback:
         return runner.execute(study, planned, *runner.backend(scheduler, workers), callback).dataset
 
 
@@ -139,6 +173,14 @@ def measure(
     from studies.measured import files, signal
 
     return signal.statistics(files.read(path, unit, rate, channel), band, start)
+
+
+def _callback(planned: Plan, progress: Any) -> AbstractContextManager[Progress | None]:
+    from contextlib import nullcontext
+
+    from studies.cli.progress import bar
+
+    return bar(planned.todo) if progress is True else nullcontext(progress or None)
 
 
 def open(name: str | Path, out: str | Path | None = None) -> xr.Dataset:

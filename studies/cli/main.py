@@ -15,7 +15,7 @@ try:
     import click
     from click.shell_completion import shell_complete
 
-    from studies.cli import compute, measure, read, shares, structure  # noqa: F401 - they add their commands
+    from studies.cli import compute, fit, measure, read, shares, structure  # noqa: F401 - they add their commands
     from studies.cli.app import fiv
     from studies.cli.options import catalogue
     from studies.cli.output import FLAGS, show, tell

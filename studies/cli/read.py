@@ -118,9 +118,10 @@ def _row(file: Path, size: float, date: float) -> dict[str, str]:
     from datetime import datetime
 
     import sweeps
-    from studies.results import MAPS
+    from studies.results import FITS, MAPS
 
     kind = "map" if file.parent.name == MAPS else "study" if file.stem in catalogue() else "own study"
+    kind = "fit" if file.parent.parent.name == FITS else kind
     try:
         now = sweeps.status(file)
         done, state = now.done + now.failed + now.interpolated, now.state
