@@ -78,8 +78,8 @@ def simulate(
         Default: at rest under the load, T = 0, stuck. The `final_state` of a run of the same scene, method and
         model continues that run: times count from its start, `duration` is added, and the motion has the same bits
         as one run without the stop ("exact": to rounding; with skips: if both stop at the same times, as at
-        multiples of 1024 samples of 20 microseconds). In another scene the run starts at t = 0 from the modes and
-        the contact state.
+        multiples of 1024 samples of 20 microseconds). In another scene or model the run starts at t = 0 from the
+        modes and the contact state; a `modify` is the same if it makes equal models.
     cutoff : float, optional
         Highest frequency of a mode, Hz; not for "paper", which keeps all. Default: 94 kHz for the paper's rig
         (`contact.reduced.default_cutoff`), with more for the onset (`transient.fast.onset`). A structure from
@@ -269,9 +269,8 @@ def painleve_mu(
     rig, beta2 = published.with_numerical_damping(rig, method, law["numerical_damping"]), law["beta2"]
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
     if method == "paper":
-        usual = published.default_step(rig)
-        tau = published.TAU / published.STEP * usual
-        return published.painleve_mu(full_model(rig, theta), step or usual, beta2 or published.BETA2, tau)
+        step, tau = step or published.default_step(rig), published.relaxation_time
+        return published.painleve_mu(full_model(rig, theta), step, beta2 or published.BETA2, tau(rig, step))
     if method == "exact" and step is not None:
         raise InputError(f"step = {step:g}: method 'exact' does not use it here; leave it out")
     cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")

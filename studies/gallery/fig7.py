@@ -11,6 +11,7 @@ import xarray as xr
 from fivcore import Scene, Transient, glued_frequencies
 from studies import labels, paper, summary
 from studies.claims import Claim, is_papers_point
+from studies.measured import signal
 from studies.motion import regimes, run, series
 from studies.parameters import RUN, published
 from studies.plotting import figures, planes
@@ -21,6 +22,8 @@ from sweeps import Variable
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from studies.measured.files import Signal
 
 # Rows of the figure; of more speeds an evenly spaced subset.
 MOST_ROWS = 6
@@ -128,13 +131,16 @@ def _points(dataset: xr.Dataset) -> list[xr.Dataset]:
     return [dataset.isel(V=k) for k in range(dataset.sizes["V"])]
 
 
-def draw(dataset: xr.Dataset) -> Figure:
-    """Time on the left and spectra on the right, a row for each speed, as in the paper."""
+def draw(dataset: xr.Dataset, measured: Signal | None = None) -> Figure:
+    """Time on the left and spectra on the right, a row for each speed, as in the paper; `measured` in a last."""
     rows = planes.subset(dataset.sizes["V"], MOST_ROWS)
     shared: dict[str, Any] = {"sharex": "col", "sharey": "col", "gridspec_kw": {"width_ratios": (1.35, 1.0)}}
-    figure, panels = figures.panels(len(rows), 2, 18.0, 3.2 + 4.6 * len(rows), **shared)
+    count = len(rows) + (measured is not None)
+    figure, panels = figures.panels(count, 2, 18.0, 3.2 + 4.6 * count, **shared)
+    if measured is not None:
+        signal.draw(panels, measured)
     papers = is_papers_point(dataset, mu=paper.MU, F=paper.LOAD, theta=paper.THETA)
-    for k, left, right in zip(rows, panels[::2], panels[1::2], strict=True):
+    for k, left, right in zip(rows, panels[::2], panels[1::2], strict=False):
         _draw_speed(left, right, dataset.isel(V=k))
         for lines, style, text in (
             (paper.LINES, "--", "paper: dominant frequency and harmonics"),

@@ -55,6 +55,7 @@ OUTPUTS = {
     "dominant_frequency": _of("dominant_frequency", "lower median of the vibrating realisations"),
     **{name: _of(name, "mean of the realisations") for name in AVERAGED},
     **{f"member_{name}": _of(name, "of one realisation", "member") for name in KEPT},
+    **{name: replace(each, scale="") for name, each in ensemble.motion_outputs().items()},
 }
 AT = {"theta": paper.THETA, "V": paper.ANGLES_SPEED}
 CLAIMS = (
@@ -100,13 +101,15 @@ def averages(runs: Sequence[Transient]) -> dict[str, Any]:
         "regime_share": counts[most] / len(runs),
     }
     together["dominant_frequency"] = ensemble.middle(one["dominant_frequency"])
-    return together | {f"member_{name}": values for name, values in one.items()}
+    apart = ensemble.motions(summaries, runs[0].scene.V)
+    return together | {f"member_{name}": values for name, values in one.items()} | apart
 
 
 def coords(members: int) -> dict[str, Axis]:
     """The pairs and the realisations, counted from 1."""
     pair = Axis(np.arange(1, PAIRS + 1), "1", "unstable pair, ascending in frequency")
-    return {"pair": pair, "member": Axis(np.arange(1, members + 1), "1", "realisation, by the ramp of the drive")}
+    member = Axis(np.arange(1, members + 1), "1", "realisation, by the ramp of the drive")
+    return {"pair": pair, "member": member} | ensemble.APART
 
 
 def check(members: int, **others: Any) -> None:
@@ -192,6 +195,7 @@ def draw(dataset: xr.Dataset) -> Figure:
         part = np.nan_to_num(dataset[f"{state}_fraction"].values)
         fractions.bar(height=part, bottom=below, color=colour, label=state, **cells)
         below += part
+    planes.draw_mixed(fractions, dataset, "theta", "stick_fraction")
     fractions.set(ylim=(0.0, 1.0), ylabel="fraction\nof time")
     kinds, below = regimes.kinds(dataset)[:, None], np.zeros(len(theta))
     codes = np.where(kinds < planes.FAILED, dataset["member_regime"].values, kinds).astype(int)

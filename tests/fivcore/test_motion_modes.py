@@ -8,8 +8,8 @@ import pytest
 from scipy import sparse
 
 from fivcore import InputError, Rig, Scene, State, Structure, flutter_onsets, simulate, sliding_modes
-from fivcore.contact.reduced import reduced_model
-from fivcore.structure import MOTION_MODES
+from fivcore.contact.reduced import STEP, reduced_model
+from fivcore.structure import MOTION_MODES, SLENDER
 from fivcore.transient.published import SHARE, default_step
 from tests.benchmarks.constants import by_modes, vibrating
 from tests.helpers import meshes
@@ -167,8 +167,8 @@ def test_a_small_model_is_what_it_is():
 
 def assert_converged(scenes, most):
     """All but `most` are within 0.02 and two standard errors of four times the cut-off, and all within 0.05."""
-    found = [by_modes(seed, scene, (MOTION_MODES,)) for seed, scene in scenes]
-    beyond = np.array([each[MOTION_MODES][1] for each in found if each])
+    found = [by_modes(seed, scene, (None,)) for seed, scene in scenes]
+    beyond = np.array([each[None][1] for each in found if each])
     assert np.count_nonzero(beyond > 0.02) <= most, beyond
     assert beyond.max() < 0.05, beyond
 
@@ -181,3 +181,13 @@ def test_the_cutoff_of_a_structure_has_converged():
 def test_the_cutoff_of_random_structures_has_converged():
     """Of pins under arms and bars on beams."""
     assert_converged(vibrating(21), 2)
+
+
+@pytest.mark.parametrize("seed", [50, 89])
+def test_a_step_of_a_solid_follows_its_highest_mode(seed):
+    """Most of its contact's compliance is above the cut-off, whose own oscillation is slower than the modes."""
+    model = reduced_model(meshes.structure(seed, 10e3), 0.0)
+    highest = float(np.sqrt(model.stiffness.max()))
+    assert model.contact_frequency < highest
+    assert model.default_step * highest <= STEP / SLENDER
+    assert len(model.stiffness) == 2 * MOTION_MODES

@@ -101,6 +101,23 @@ def test_a_changed_function_changes_the_model():
     assert found[0] == found[2] != found[1]
 
 
+@pytest.mark.parametrize(("method", "time"), [("fast", 5e-4), ("fast", 0.02), ("exact", 2e-3)])
+def test_modifications_that_make_equal_models_go_on_and_others_do_not(method, time):
+    """Neither another function that does the same nor the same function that does something else misleads."""
+    factor = {"K": 1.0}
+
+    def softer(model):
+        return replace(model, K=factor["K"] * model.K, C=factor["K"] * model.C)
+
+    end = simulate(SCENE, time, method, modify=softer).final_state
+    for modify, goes_on in ((softer, True), (lambda model: softer(model), True), (None, True), (list, False)):
+        if modify is list:
+            factor["K"] = 0.5
+            modify = softer
+        run = simulate(SCENE, 1e-4, method, initial=end, modify=modify, record=True, sample_rate=None)
+        assert (run.time[0] >= time * (1.0 - 1e-9)) == goes_on
+
+
 def test_statistics_of_a_piece_are_its_own():
     one = simulate(SCENE, 1.0)
     two = simulate(SCENE, 1.0, initial=one.final_state)

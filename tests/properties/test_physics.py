@@ -5,12 +5,11 @@ A few examples, always the same; FIV_EXAMPLES=100 tries a hundred times as many,
 
 import copy
 import math
-import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import fivcore
@@ -25,14 +24,8 @@ from fivcore import (
     sliding_modes,
     tune_head_mass,
 )
+from tests.helpers.examples import examples
 from tests.helpers.rigs import angles, frictions, rigs, workshop_rig
-
-TIMES = int(os.environ.get("FIV_EXAMPLES", "1"))
-
-
-def examples(count):
-    return settings(max_examples=count * TIMES, derandomize=TIMES == 1, database=None)
-
 
 # Stability.
 
@@ -157,7 +150,9 @@ def test_a_motion_obeys_the_law_of_the_contact(method, duration, count):
             return
         run = simulate(scene, duration, method, **given)
         N, T, slip, state = run.normal_force, run.tangential_force, run.slip_velocity, run.state
-        rounding = 1e-9 * N + 1e-12 * scene.F
+        # A small force is the difference of terms as large as the run's largest force, and "exact" sums it up in
+        # the eigenbasis of a status, whose condition costs digits.
+        rounding = 1e-9 * N + (1e-10 if method == "exact" else 1e-12) * max(scene.F, N.max())
         assert all(np.isfinite(each).all() for each in (N, T, slip, run.velocity_B))
         assert sum(run.summary[f"{name}_fraction"] for name in ("stick", "slip", "separation")) == pytest.approx(
             1.0
