@@ -147,6 +147,14 @@ def _executed(study: Study, planned: Plan, scheduler: Any, workers: Any, progres
         return runner.execute(study, planned, *runner.backend(scheduler, workers), callback).dataset
 
 
+def _callback(planned: Plan, progress: Any) -> AbstractContextManager[Progress | None]:
+    from contextlib import nullcontext
+
+    from studies.cli.progress import bar
+
+    return bar(planned.todo) if progress is True else nullcontext(progress or None)
+
+
 def measure(
     path: str | Path,
     *,
@@ -173,14 +181,6 @@ def measure(
     from studies.measured import files, signal
 
     return signal.statistics(files.read(path, unit, rate, channel), band, start)
-
-
-def _callback(planned: Plan, progress: Any) -> AbstractContextManager[Progress | None]:
-    from contextlib import nullcontext
-
-    from studies.cli.progress import bar
-
-    return bar(planned.todo) if progress is True else nullcontext(progress or None)
 
 
 def open(name: str | Path, out: str | Path | None = None) -> xr.Dataset:

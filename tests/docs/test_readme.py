@@ -78,9 +78,8 @@ def clone(tmp_path, here):
     for name in ("fig5", "regimes", "robust", "scenes", "stability", "table6"):
         shutil.copytree(HOME / "results" / "reference" / name, tmp_path / "results" / "reference" / name)
     (tmp_path / "results" / "reference" / "rig.svg").touch()
-    files = "pin.toml", "disc.toml", "bench.toml"
-    for name, text in zip(files, readmes.blocks("toml", "studies/README.md"), strict=True):
-        (tmp_path / name).write_text(text)
+    for text in readmes.blocks("toml", "studies/README.md"):
+        (tmp_path / re.match(r"# (\S+\.toml)", text)[1]).write_text(text)
     (tmp_path / "rigs.csv").write_text("p1_length [mm], mu\n50, 0.1\n60, 0.2\n")
     stiffness = sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(24, 24)) * 1e7
     io.mmwrite(tmp_path / "K.mtx", stiffness.tocoo())
