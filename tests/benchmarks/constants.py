@@ -168,7 +168,7 @@ def by_modes(seed: int, scene: Scene, numbers: tuple[Any, ...]) -> dict[Any, tup
     for number in numbers:
         cutoff = motion_cutoff(wide, len(wide.frequency), number)
         if cutoff is not None and cutoff < 0.7 * top:
-            found[number] = apart(shares(scene, cutoff=cutoff), reference)
+            found[number] = apart(shares(scene, cutoff=number and cutoff), reference)
     return found
 
 
