@@ -158,7 +158,7 @@ def by_modes(seed: int, scene: Scene, numbers: tuple[Any, ...]) -> dict[Any, tup
     own = scene.rig
     default = own.cutoff or float(own.motion.frequency[-1])
     wide = meshes.structure(seed, 4.2 * default)
-    top = min(4.0 * default, float(wide.frequency[-1 if wide.static else -(len(wide.frequency) // 8)]))
+    top = min(4.0 * default, float(wide.frequency[-1 if wide.static > 1 else -(len(wide.frequency) // 8)]))
     scene, found = replace(scene, rig=wide), {}
     try:
         reference = shares(scene, cutoff=top)
