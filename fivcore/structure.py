@@ -46,6 +46,8 @@ MOTION_MODES, PART = 39, 1e-3
 # Least frequency of the contact, in units of that of the highest kept mode, with which these are enough: it is
 # root 3 of bending beams, 1 of rods; rigs of beams have 1.48 or more, solids 0.5 to 1.2 and twice as many modes.
 SLENDER = 2.0**0.5
+# As many as that where sliding grows above this share of the cut-off, where the contact's dashpot decides on it.
+FURTHER_MODES, REACH = 50, 0.7
 # Most modes in motion, whether they move the gaps or not.
 MOST_MODES = 400
 
@@ -348,6 +350,14 @@ class Structure(Structural, ReadOnlyArrays):
         """The structure with the modes that motion has."""
         return self.wider or self
 
+    @cached_property
+    def reaching(self) -> Structure:
+        """With a cut-off for motions that grow above `REACH` of the usual one, where more modes are known."""
+        if self.cutoff is None or self.wider:
+            return replace(self, cutoff=None) if self.wider and self.wider.static else self
+        m = len(self.frequency)
+        return replace(self, cutoff=_cutoffs(self, MOST_MODES if self.static else 2 * m // 3)[1] or self.cutoff)
+
     def receptances(self, frequency: Any, mu: float = 0.0) -> Any:
         """Gaps for a unit normal force with T = mu N at frequencies, Hz: h_NN + mu h_NT and h_TN + mu h_TT."""
         phi = 2j * np.pi * np.asarray(frequency, dtype=float)[..., None]
@@ -511,14 +521,21 @@ def motion_cutoff(own: Structure, most: int = MOST_MODES, number: int | None = N
     whatever modes follow.
     """
     if number is None:
-        cutoff = motion_cutoff(own, most, MOTION_MODES)
-        return cutoff if cutoff is None or _slender(own, cutoff) else motion_cutoff(own, most, 2 * MOTION_MODES)
+        return _cutoffs(own, most)[0]
     m = len(own.frequency)
     gaps = np.stack([own.normal[:m], own.tangential[:m]]) ** 2
     mean = np.cumsum(gaps, axis=1) / np.arange(1, m + 1)
     moving = np.flatnonzero(np.any((gaps > PART * mean) & (gaps > 0.0), axis=0))
     last = min([most - 1, *moving[number - 1 : number].tolist()])
     return float(f"{own.frequency[last : last + 2].mean():.3g}") if m > last + 1 else None
+
+
+def _cutoffs(own: Structure, most: int) -> tuple[float | None, float | None]:
+    """The usual cut-off of motion, and that where it grows near it, Hz."""
+    usual = motion_cutoff(own, most, MOTION_MODES)
+    if usual is None or _slender(own, usual):
+        return usual, motion_cutoff(own, most, FURTHER_MODES)
+    return motion_cutoff(own, most, 2 * MOTION_MODES), motion_cutoff(own, most, 2 * FURTHER_MODES)
 
 
 def _slender(own: Structure, cutoff: float) -> bool:
@@ -532,23 +549,24 @@ def _slender(own: Structure, cutoff: float) -> bool:
 def _for_motion(own: Structure, band: float | None, n: int, up_to: Callable[[float], Structure]) -> Structure:
     """With the cut-off of motion, and the modes below it where `own`, up to `band`, does not have them.
 
-    The upper half of the `n` modes of a mesh is not that of the structure; a small model is what it is.
+    The upper third of the `n` modes of a mesh is that of no structure; a small model is what it is.
     """
     if band is None and n <= MOTION_MODES:
         return own
-    found, top, most = own, band or 0.0, min(max(n // 2, 2), MOST_MODES)
+    found, top, most = own, band or 0.0, min(max(2 * n // 3, 2), MOST_MODES)
     factor, before = 2.0, 0
-    while (cutoff := motion_cutoff(found, most)) is None and found.static:
+    while (cutoffs := _cutoffs(found, most))[1] is None and found.static:
         m = len(found.frequency)
         if before:
             # As the number of modes grows with frequency: of beams as its root, of a plate as it or its square.
             power = np.clip(np.log(m / before) / np.log(factor), 0.4, 3.0)
-            factor = float(np.clip((1.1 * MOTION_MODES / m) ** (1.0 / power), 1.25, 8.0))
+            factor = float(np.clip((1.1 * FURTHER_MODES / m) ** (1.0 / power), 1.25, 8.0))
         top, before = top * factor, m
         found = up_to(top)
-    if cutoff is None or found is own:
-        return replace(own, cutoff=cutoff)
-    return replace(own, wider=up_to(cutoff))
+    usual, further = cutoffs
+    if usual is None or found is own:
+        return replace(own, cutoff=usual)
+    return replace(own, cutoff=usual, wider=up_to(further or usual))
 
 
 def _held(stiffness: Array, normal: Array, vectors: Array | None, names: Any) -> None:

@@ -245,6 +245,9 @@ def reduced_model(rig: Structural, theta: float, cutoff: float | None = None) ->
     # number is usually about 3; of a flexibility at 1e8 the inverse has half its digits.
     complete = (~kept).sum() <= 2 and not own.static
     if complete or kept.all() or np.linalg.cond(flexibility) > 1e8:
+        moves = np.arange(len(full.stiffness)) < modes
+        if not moves.all():
+            full = replace(full, kept=moves, **{name: getattr(full, name)[moves] for name in MODAL})
         resistance(full.W)
         return full
     modal, K = {name: getattr(full, name)[kept] for name in MODAL}, np.asarray(np.linalg.inv(flexibility))

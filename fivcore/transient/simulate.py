@@ -11,10 +11,11 @@ from warnings import warn
 import numpy as np
 
 from fivcore import checks
-from fivcore.contact.reduced import Modify, full_model, modified, reduced_model
+from fivcore.contact.reduced import Modify, ReducedModel, full_model, modified, reduced_model
 from fivcore.errors import (
     BAND,
     FIXED,
+    ContactError,
     FixedContactWarning,
     InputError,
     OutOfBandWarning,
@@ -24,6 +25,7 @@ from fivcore.errors import (
 )
 from fivcore.jit import Array
 from fivcore.rig import Rig, Scene, Structural, checked_theta
+from fivcore.structure import REACH, Structure
 from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
 from fivcore.transient.fast.steady import eigenvalues, growing
@@ -193,7 +195,29 @@ def request(scene: Scene, arguments: dict[str, Any]) -> tuple[Scene, Normalised,
     normalised = Normalised.of(scene)
     checked = options_for(scene, normalised, arguments)
     rig = published.with_numerical_damping(normalised.rig, checked.method, checked.numerical_damping)
-    return scene, replace(normalised, rig=rig), checked
+    scaled = replace(normalised, rig=rig)
+    if isinstance(rig, Structure) and checked.cutoff is None and checked.method != "paper":
+        scaled = replace(scaled, rig=_reaching(scaled, rig))
+    return scene, scaled, checked
+
+
+def _reaching(scene: Normalised, own: Structure) -> Structure:
+    """The structure with the cut-off that its motion needs: modes that grow just below the usual one need more."""
+    if own.cutoff is None or own.reaching == own:
+        return own
+    try:
+        found = _sliding_growth(scene, reduced_model(own, scene.theta))
+    except ContactError:
+        # The method says where and why the contact force is not unique.
+        return own
+    return own.reaching if len(found) and found[-1] > REACH * own.cutoff else own
+
+
+def _sliding_growth(scene: Normalised, model: ReducedModel) -> Array:
+    """Frequencies of growing motions about steady sliding, Hz."""
+    law, speed = scene.friction, scene.speed_per_load
+    fall = -scene.mu * law.slope(speed)
+    return growing(eigenvalues(model, scene.mu * law.ratio(speed), model.default_step, fall))
 
 
 def growing_frequencies(
@@ -224,11 +248,7 @@ def growing_frequencies(
     arguments |= {"duration": 1.0, "cutoff": cutoff, "numerical_damping": numerical_damping}
     del arguments["scene"]
     _, scaled, options = request(scene, arguments)
-    model = reduced_model(scaled.rig, scaled.theta, options.cutoff)
-    law, speed = scaled.friction, scaled.speed_per_load
-    return growing(
-        eigenvalues(model, scaled.mu * law.ratio(speed), model.default_step, -scaled.mu * law.slope(speed))
-    )
+    return _sliding_growth(scaled, reduced_model(scaled.rig, scaled.theta, options.cutoff))
 
 
 def painleve_mu(

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from fivcore import Structure
+from fivcore.structure import motion_cutoff
 from studies.parameters import RIG, Parameter
 from sweeps import InputError
 
@@ -51,4 +52,5 @@ def varied(structure: Structure, numbers: Mapping[str, float]) -> Structure:
     order = np.append(np.argsort(squares[:m], kind="stable"), np.arange(m, len(squares)))
     rows = {name: row[order] for name, row in rows.items()}
     own = replace(own, **rows, wider=own.wider and varied(own.wider, numbers))
+    own = replace(own, cutoff=own.cutoff and motion_cutoff(own.motion))
     return own.damped(numbers["damping_ratio"], "free") if "damping_ratio" in numbers else own

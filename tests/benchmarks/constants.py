@@ -158,7 +158,7 @@ def by_modes(seed: int, scene: Scene, numbers: tuple[Any, ...]) -> dict[Any, tup
     own = scene.rig
     default = own.cutoff or float(own.motion.frequency[-1])
     wide = meshes.structure(seed, 4.2 * default)
-    top = min(4.0 * default, float(wide.frequency[-1 if wide.static else -(len(wide.frequency) // 8)]))
+    top = min(4.0 * default, float(wide.frequency[-1 if wide.static > 1 else -(len(wide.frequency) // 8)]))
     scene, found = replace(scene, rig=wide), {}
     try:
         reference = shares(scene, cutoff=top)
@@ -168,7 +168,7 @@ def by_modes(seed: int, scene: Scene, numbers: tuple[Any, ...]) -> dict[Any, tup
     for number in numbers:
         cutoff = motion_cutoff(wide, len(wide.frequency), number)
         if cutoff is not None and cutoff < 0.7 * top:
-            found[number] = apart(shares(scene, cutoff=cutoff), reference)
+            found[number] = apart(shares(scene, cutoff=number and cutoff), reference)
     return found
 
 
