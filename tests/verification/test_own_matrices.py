@@ -138,6 +138,9 @@ def test_hysteresis(number):
 @pytest.mark.parametrize("number", range(NUMBER))
 def test_lyapunov_exponents(number):
     scene, own = pair(number)
-    one, other = (lyapunov_exponent(each, 2.0, cutoff=default_cutoff(scene.rig)) for each in (scene, own))
-    error = np.hypot(one.standard_error, other.standard_error)
+    # Where sticks are long, two seconds are too short for a standard error.
+    for duration in (2.0, 8.0, 32.0):
+        one, other = (lyapunov_exponent(each, duration, cutoff=default_cutoff(scene.rig)) for each in (scene, own))
+        if np.isfinite(error := np.hypot(one.standard_error, other.standard_error)):
+            break
     assert abs(one.value - other.value) < 3.0 * error
