@@ -50,7 +50,7 @@ CLAIMS = (
     *(Claim("regime", {"V": V}, kind, "2 and 3.5.3") for V, kind in paper.VIBRATION.items()),
     # A periodic motion has an autocorrelation of 1, and of its lines the paper gives no width.
     Claim("periodicity", {"V": max(paper.SPEEDS)}, 1.0, "2 and 3.5.3"),
-    Claim("line_height", {"V": max(paper.SPEEDS)}, np.nan, "no number"),
+    Claim("line_height_dB", {"V": max(paper.SPEEDS)}, np.nan, "no number"),
     *(Claim("dominant_frequency", {"V": V}, paper.SIMULATED_LINE, "3.5.3") for V in paper.SPEEDS),
 )
 
@@ -80,13 +80,16 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
     about = {"units": "Hz", "long_name": "natural frequency of the rig glued at its contact"}
     harmonics = [[_harmonic(dataset.isel(V=k), order) for order in (2, 3)] for k in range(dataset.sizes["V"])]
     text = "peak of the spectrum within 1 % of a multiple of the dominant frequency"
-    height = {"units": "dB", "long_name": "main line of the spectrum over the median within 25 % of its frequency"}
+    height = {
+        "units": "1",
+        "long_name": "main line of the spectrum over the median within 25 % of its frequency, dB",
+    }
     return dataset.assign_coords(
         harmonic=("harmonic", [2, 3], {"units": "1", "long_name": "order of the harmonic"})
     ).assign(
         glued_frequency=("glued_mode", frequency, about),
         harmonic_frequency=(("V", "harmonic"), harmonics, {"units": "Hz", "long_name": text}),
-        line_height=("V", [_line_height(dataset.isel(V=k)) for k in range(dataset.sizes["V"])], height),
+        line_height_dB=("V", [_line_height(dataset.isel(V=k)) for k in range(dataset.sizes["V"])], height),
     )
 
 
@@ -120,7 +123,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         "separation_fraction",
         "velocity_rms",
         "periodicity",
-        "line_height",
+        "line_height_dB",
     ]
     yield "Motion", summary.frame(dataset, named)
     yield (
