@@ -34,9 +34,6 @@ _A, _B, _C, _D = (np.uint64(row * at.BLOCK) for row in (at.A, at.B, at.C, at.D))
 _NORMAL, _TANGENTIAL = (np.uint64(row * at.BLOCK) for row in (at.NORMAL, at.TANGENTIAL))
 _Q, _V, _POINT_B, _DAMPING = (np.uint64(row * at.BLOCK) for row in (at.Q, at.V, at.POINT_B, at.DAMPING))
 _BLOCK_SIZE = np.uint64(at.BLOCK_SIZE)
-# Share of the drift of the gaps in a lasting rigid contact that a step takes back: by growing forces they drift by
-# step^2 / 6 times the forces' rate and the Delassus matrix, and against that drift the load works.
-RETURN = 0.1
 
 
 @reordered
@@ -307,27 +304,17 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
         closed, N, T = p > relaxed, 0.0, 0.0
         # In rigid contact the gap of a lasting contact is rounding: only its force can end it.
         closed = closed or (rigid and was != SEPARATION)
-        back_N, back_T, lasting = 0.0, 0.0, not np.isnan(scene.held_p)
-        if rigid and was != SEPARATION:
-            # Forces that grow let the gaps drift; the mean of two steps shows it, without what alternates.
-            mean_p, mean_gT = 0.5 * (p + scene.last_p), 0.5 * (gT + scene.last_gT)
-            scene.held_p = mean_p if np.isnan(scene.held_p) else scene.held_p
-            scene.held_gT = mean_gT if np.isnan(scene.held_gT) else scene.held_gT
-            if not np.isnan(mean_p):
-                back_N = RETURN * per_step * (mean_p - scene.held_p)
-                back_T = RETURN * per_step * (scene.held_gT - mean_gT) if was == STICK else 0.0
         before, end_N, end_T, met = u_T, relaxed, relax[2] * u_N + relax[3] * u_T, closed
         stick_N, less_N, less_T, last_rate = 0.0, 0.0, 0.0, slip_rate
-        rate_N, rate_T = vN - back_N, vT - back_T
         if closed:
             u = anchor - gT if was == STICK else u_T
-            N = (stick_law[status, 0] * p + stick_law[status, 2] * rate_N) + (
-                stick_law[status, 3] * rate_T + stick_law[status, 1] * u
+            N = (stick_law[status, 0] * p + stick_law[status, 2] * vN) + (
+                stick_law[status, 3] * vT + stick_law[status, 1] * u
             )
-            T = (stick_law[status, 4] * p + stick_law[status, 6] * rate_N) + (
-                stick_law[status, 7] * rate_T + stick_law[status, 5] * u
+            T = (stick_law[status, 4] * p + stick_law[status, 6] * vN) + (
+                stick_law[status, 7] * vT + stick_law[status, 5] * u
             )
-            closing, halts_N, halts_T = rate_N, 0.0, 0.0
+            closing, halts_N, halts_T = vN, 0.0, 0.0
             stick_N = N
             if rigid and was != STICK and not np.isnan(scene.after_T):
                 # Where contact or stick begins, the gaps should not change over the free move that follows. The
@@ -335,8 +322,8 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                 rest_T = -0.25 * (vT + scene.after_T)
                 if was == SEPARATION:
                     closing = 0.75 * vN - 0.25 * scene.after_N
-                halts_N = stick_law[status, 2] * (closing - rate_N) + stick_law[status, 3] * rest_T
-                halts_T = stick_law[status, 6] * (closing - rate_N) + stick_law[status, 7] * rest_T
+                halts_N = stick_law[status, 2] * (closing - vN) + stick_law[status, 3] * rest_T
+                halts_T = stick_law[status, 6] * (closing - vN) + stick_law[status, 7] * rest_T
                 if was == SEPARATION:
                     N, T, halts_N, halts_T = N + halts_N, T + halts_T, 0.0, 0.0
             holds = N > 0.0 and abs(T) <= (mu if was == STICK else kinetic) * N
@@ -376,7 +363,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                         if len(law) > 0:
                             _, N, T, end_T = falling(scene, law, p, before, closing, vT, np.sign(m), slip_rate)
                         old_T = scene.last_T
-                        if rigid and lasting and not np.isnan(old_T) and (was == STICK or T * old_T < 0.0):
+                        if scene.lasting > 0.0 and (was == STICK or T * old_T < 0.0):
                             # Friction before the change, but no impact, for that part of the step or back from
                             # the last one.
                             share = locate(scene, law, was, p, stick_N, vN, vT, last_rate)
@@ -415,8 +402,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                 scene.slip_time += step
             if rigid:
                 # Nothing moves in a rigid contact: what work it takes is the loss of an impact.
-                lost_T = T * (mean_T - back_T) if contact == STICK else 0.0
-                scene.impact -= step * (N * (mean_N - back_N) + lost_T)
+                scene.impact -= step * (N * mean_N + (T * mean_T if contact == STICK else 0.0))
             else:
                 slip_rate = mean_T + rate_T
             scene.termination += step * (
@@ -449,13 +435,12 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
             scene.next_skip = scene.next_sample + at.MIN_SAMPLES * scene.sample_every if waits else at.NEVER
             until = pause(scene, now)
         if rigid:
-            scene.held_p = scene.held_p if closed and was != SEPARATION else np.nan
-            scene.held_gT = scene.held_gT if contact == STICK and was == STICK else np.nan
+            scene.lasting = 1.0 if closed and was != SEPARATION and not np.isnan(scene.last_p) else 0.0
             hold_N, hold_T = holding(scene, vN, vT)
             scene.last_left = mu * hold_N - abs(hold_T) if was == STICK else np.nan
             scene.last_T = T - less_T
             scene.after_N, scene.after_T = 2.0 * mean_N - vN, 2.0 * mean_T - vT
-            scene.last_p, scene.last_N, scene.last_gT = p, N, gT
+            scene.last_p, scene.last_N = p, N
         if now == due:
             speed += scene.point_B[0] * impulse_N + scene.point_B[1] * impulse_T
             power += (power_N + scene.damped_by[0] * impulse_N) * impulse_N
