@@ -157,6 +157,7 @@ TOO_EXPENSIVE |= {
 # What "exact" says where one mode is slower by many orders of magnitude.
 TOO_SLOW: dict[str, Any] = {"expected": {"exact": DIVERGENCE}}
 AT_REST: Any = {"force": 1.0}
+THROWN: Any = {"duration": 2e-4, "start": partial(_at_rest, contact=OPEN, gap=1e-6, fall=1.0)}
 BLOWN, ALONG = "all modes as after a blow of 4 us", "P1's tip moving along P2 at {} as contact is made"
 MU = ("mu", "mu = {:g}", "a coefficient of friction of {:g}")
 THETA = ("theta", "theta = {:g}°", "P1 at {:g} degrees")
@@ -235,7 +236,7 @@ GROUPED: dict[str, list[Case]] = {
               (1, 1, "beams of 1 elements", {}), (3, 3, "beams of 3 elements", {}),
               (3, 90, "P1 of 3 elements, P2 of 90", {}), (30, 3, "P1 of 30 elements, P2 of 3", {}),
               (400, 400, "beams of 400 elements, P1 thrown onto P2 at 1 m/s",
-               {"duration": 2e-4, "start": partial(_at_rest, contact=OPEN, gap=1e-6, fall=1.0)}))),
+               THROWN))),
         _rig("no head", "no mass at A", Rig(head_mass=0.0)),
         _rig("head of 1 mg", "a head of 1 mg", Rig(head_mass=1e-6)),
         _rig("head of 1 t", "a head of 1000 kg", Rig(head_mass=1e3), **TOO_SLOW),
