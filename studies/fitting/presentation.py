@@ -1,4 +1,4 @@
-"""What a fit found, in sentences and tables, and its figure of pairs."""
+"""Summary, tables and figure of pairs of a fit."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def learnt(dataset: xr.Dataset) -> tuple[list[str], list[str]]:
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """What the unknowns are, how far that is to be trusted, and predictions beside measurements."""
+    """Yield posterior medians and intervals, the effective sample size, and predictions beside measurements."""
     import pandas as pd
 
     priors, targets, weights = parts(dataset)

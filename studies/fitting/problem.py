@@ -62,7 +62,7 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """What predicts the targets."""
+    """Targets, the studies that predict them, and the structure, if any."""
 
     targets: Sequence[Target]
     sources: Sequence[Source]

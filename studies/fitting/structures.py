@@ -1,4 +1,4 @@
-"""What can be unknown of a structure: its damping, scales of its matrices, frequencies of its modes."""
+"""Parameters of a structure that a fit varies: damping, scales of its matrices, frequencies of its modes."""
 
 from __future__ import annotations
 

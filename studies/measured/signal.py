@@ -1,4 +1,4 @@
-"""What can be said of one signal, by the observer that looks at the velocity of B of a run.
+"""Statistics of one measured signal, by the observer that looks at the velocity of B of a run.
 
 The contact is unknown here. In place of a run's long sticks stand quiet spells: the root mean square over PERIODS
 periods of the main frequency, of the signal less its mean over a period of the band's lower end, stays below QUIET
