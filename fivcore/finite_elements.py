@@ -19,7 +19,7 @@ from fivcore.jit import Array
 DENSE = 600
 # Stiffness of a static mode, in units of the largest one.
 STATIC = 1e12
-# Vectors of a block of the Lanczos method, at least; share of the modes up to which it is used, for it needs about
+# Vectors of a block of the Lanczos method; share of the modes up to which it is used, for it needs about
 # three times as many vectors as it finds modes; residual of a mode that has converged.
 WIDTH, FEW, CONVERGED = 8, 0.25, 1e-10
 # What is left of a direction, relative to it, that is rounding; error of a factorisation, relative to its terms,
@@ -157,14 +157,17 @@ def _block_lanczos(M: Any, solve: Callable[[Array], Array], shift: float, limit:
     member of a multiple mode.
     """
     n, random, most = M.shape[0], np.random.default_rng(0), max(count, 1)
-    basis, small, checked = np.zeros((n, 0)), np.zeros((0, 0)), 0
-    block = _orthonormal(M, basis, random.standard_normal((n, max(WIDTH, most // 4))), random)
+    # Columns lie one behind the other, so that those there are need no copy.
+    basis, small, size, checked = np.empty((n, min(n, 4 * most)), order="F"), np.zeros((0, 0)), 0, 0
+    block = _orthonormal(M, basis[:, :0], random.standard_normal((n, WIDTH)), random)
     while True:
-        image, known = solve(M @ block), basis.shape[1]
-        basis = np.hstack([basis, block])
-        column = basis.T @ (M @ image)
+        image, known, size = solve(M @ block), size, size + block.shape[1]
+        if size > basis.shape[1]:
+            basis = np.asfortranarray(np.pad(basis, ((0, 0), (0, size))))
+        basis[:, known:size] = block
+        column = basis[:, :size].T @ (M @ image)
         small = np.block([[small, column[:known]], [column.T]])
-        block, size = _orthonormal(M, basis, image, random), basis.shape[1]
+        block = _orthonormal(M, basis[:, :size], image, random)
         if size < n and size < max(most, 1.1 * checked):
             continue
         checked = size
@@ -178,13 +181,15 @@ def _block_lanczos(M: Any, solve: Callable[[Array], Array], shift: float, limit:
     if found != count:
         text = f"{found} modes are below it, but {count} by the signs of pivots"
         raise UnsolvedError(f"fmax = {_hertz(limit):g}: {text}; another fmax may do")
-    return np.asarray(basis @ turn)
+    return np.asarray(basis[:, :size] @ turn)
 
 
 def _orthonormal(M: Any, basis: Array, block: Array, random: np.random.Generator) -> Array:
     """M-orthonormal directions of a block beyond the basis, (n, k), with random ones for what it has already."""
-    block = block[:, : basis.shape[0] - basis.shape[1]]
+    block, lost = block[:, : basis.shape[0] - basis.shape[1]], np.array([True])
     for attempt in range(4):
+        if attempt > 1 and not lost.any():
+            break
         block = block / np.sqrt(np.sum(block * (M @ block), axis=0))
         block = block - basis @ (basis.T @ (M @ block))
         block = block @ np.linalg.eigh(block.T @ (M @ block))[1]
