@@ -108,7 +108,6 @@ def fit(
     *,
     samples: int | None = None,
     rounds: int | None = None,
-    seed: int | None = None,
     out: str | Path | None = None,
     fresh: bool = False,
     scheduler: Any = None,
@@ -121,20 +120,17 @@ def fit(
     `rounds` rounds of `samples` draws each, by default 4 of 128; other options and errors are those of `run`. The
     dataset has along `draw` each unknown, the `round`, the `weight` and the prediction of each target.
     """
+    from functools import partial
+
     from studies import registry, runner
     from studies.fitting import presentation
     from studies.fitting import rounds as fitting
     from studies.fitting.problem import read
     from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
-    one = read(problem, registry.resolve, samples=samples, rounds=rounds, seed=seed)
-    file, how = fitting.file_of(one, out), runner.backend(scheduler, workers)
-
-    def execute(planned: Plan) -> xr.Dataset:
-        with _callback(planned, progress) as callback:
-            return planned.run(*how, callback)
-
-    dataset = fitting.run(one, file, execute, fresh=fresh)
+    one, watch = read(problem, registry.resolve, samples=samples, rounds=rounds), partial(_callback, progress)
+    file = fitting.file_of(one, out)
+    dataset = fitting.run(one, file, runner.backend(scheduler, workers), watch, fresh=fresh)
     runner.plot(presentation.study(dataset), dataset, file)
     return dataset
 
@@ -143,11 +139,11 @@ def _executed(study: Study, planned: Plan, scheduler: Any, workers: Any, progres
     from studies import runner
     from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
-    with _callback(planned, progress) as callback:
+    with _callback(progress, planned) as callback:
         return runner.execute(study, planned, *runner.backend(scheduler, workers), callback).dataset
 
 
-def _callback(planned: Plan, progress: Any) -> AbstractContextManager[Progress | None]:
+def _callback(progress: Any, planned: Plan) -> AbstractContextManager[Progress | None]:
     from contextlib import nullcontext
 
     from studies.cli.progress import bar

@@ -143,6 +143,11 @@ def _floats(values: Iterable[Decimal | float]) -> NDArray[Any]:
     return np.array([float(f"{value:.15g}") for value in values])
 
 
+def bears_unit(text: str) -> bool:
+    """Whether there is a unit in SPEC."""
+    return bool(re.search(r"[A-Zabcdf-zµ°%]", text.removeprefix("log:")))
+
+
 def typed(value: float | str) -> str:
     """A number as one types it, with all its digits; a word as it is."""
     return str(value) if isinstance(value, (str, int)) else repr(float(value)).removesuffix(".0")

@@ -4,6 +4,7 @@ import copy
 
 import pytest
 
+import fivcore
 from studies import registry
 from studies.fitting import problem
 from sweeps import InputError
@@ -74,6 +75,7 @@ WRONG_TARGETS = [
     ({"within": None}, "it must have output, value and within, or is"),
     ({"value": None}, "it must have output, value and within, or is"),
     ({"output": None}, "it must have output, value and within, or is"),
+    ({"output": []}, "target 1: it must have output, value and within, or is"),
     ({"within": "0Hz"}, "within = 0: it must be above 0, one standard deviation"),
     ({"value": "16 kg"}, "kg is a mass"),
     ({"value": "16Hz"}, "has 2 entries, value 1, within 1: choose one entry in at, or give as many values"),
@@ -94,6 +96,7 @@ WRONG_STATEMENTS = [
     ({"is": "intermitent"}, "is = 'intermitent': did you mean intermittent? it must be one of undecided, stuck"),
     ({"at": {"V": "1mm/s"}}, "mu: study regimes has a range of it; give its value in at"),
     ({"is": 3}, "is = '3': it must be one of undecided"),
+    ({"is": "auto"}, "is = 'auto': it must be one of undecided"),
     ({"output": "velocity_rms"}, "velocity_rms has numbers; write value = ..."),
 ]
 
@@ -112,7 +115,7 @@ def test_a_mistake_is_one_line(change, message):
         if isinstance(table, dict):
             for key in [key for key, value in table.items() if value is None]:
                 del table[key]
-    with pytest.raises(InputError) as caught:
+    with pytest.raises((InputError, fivcore.InputError)) as caught:
         problem.read(whole, registry.resolve)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
