@@ -196,10 +196,10 @@ class _Reader:
         for name in self.unknown.keys() & {*unknowns.values(), *self.own}:
             if name in values:
                 raise InputError(f"{name}: it is unknown and has a value; leave one out")
-            of_study = next((p for p, n in unknowns.items() if n == name), "")
-            parameter = study.parameters[of_study] if of_study else self.own[name]
+            of_study = [study.parameters[p] for p, n in unknowns.items() if n == name]
+            parameter = of_study[0] if of_study else self.own[name]
             text = uncertainty.text_of(self.unknown[name], name)
-            self.priors[name] = uncertainty.parse(text, of_study or re.sub(r"_\d+$", "", name), parameter.units)
+            self.priors[name] = uncertainty.parse(text, name, parameter.units)
             self.axes[name] = parameter.units, re.sub(" of P1$", "", parameter.text)
         asked = request.Request(study.name, values)
         numbers = asked.values_of(study)
