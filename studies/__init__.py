@@ -158,25 +158,24 @@ def measure(
     rate: float | str | None = None,
     channel: int | str | None = None,
     band: tuple[float, float] = (200.0, 10e3),
-    start: float = 0.0,
 ) -> dict[str, Any]:
     """Look at one measured signal as at the velocity of B of a run; nothing is integrated.
 
     The file is CSV or other text, WAV, a universal file with data sets 58, or MATLAB up to v7. `unit` is that of
     its numbers, or with a number what 1 in it is, "50mm/s"; `rate` is in Hz or "50kHz"; `channel` is a name or a
-    number, from 1. The dominant frequency is in the `band`, Hz; what is before `start`, s, is left out.
+    number, from 1. The dominant frequency is in the `band`, Hz.
 
     The names are those of a `Transient.summary`, `dominant_frequency`, `periodicity`, `velocity_rms` and its `_se`
     (`signal_rms` where the unit is none of speed), but in the signal's own `unit`. A signal does not know the
-    contact: in place of long sticks it has quiet spells (`studies.measured.signal`), with `quiet_fraction`,
+    contact: in place of long sticks it has quiet spells (`studies.measured`), with `quiet_fraction`,
     `quiet_times`, `quiet_starts`, s, and `quiet_frequency`, Hz. `line_frequencies` outside of them are in Hz,
     `line_levels` in dB below the strongest. Above 5 samples in a period of the band's end the signal is decimated,
     to `analysed_rate`. A standard error is NaN where the signal is shorter than 16 cycles of spell and burst, that
     of `mean_quiet_time` with fewer than 12 spells. An `InputError` says what is wrong with a file or missing.
     """
-    from studies.measured import files, signal
+    from studies import measured
 
-    return signal.statistics(files.read(path, unit, rate, channel), band, start)
+    return measured.statistics(measured.read(path, unit, rate, channel), band)
 
 
 def open(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
