@@ -96,6 +96,8 @@ def _checked(values: Array) -> Array:
     if len(lost := np.flatnonzero(~np.isfinite(values))):
         text = f"{len(lost)} of {len(values)} samples are missing, first number {lost[0] + 1}"
         raise InputError(f"{text}; cut out a part without gaps")
+    if len(values) < 2:
+        raise InputError(f"it has less than two samples; it must have {observe.WINDOW} or more")
     if np.ptp(values) <= 1e-12 * np.abs(values).max(initial=0.0):
         raise InputError(f"it is constant, {values[0]:g}; choose a channel that moves")
     for extreme in (values.max(), values.min()):

@@ -53,11 +53,9 @@ def measure(file: str, band: str, **which: Any) -> None:
     rows = list[tuple[str, str]]()
     for name, value in {**found, "quiet_spells": float(len(found["quiet_times"]))}.items():
         if isinstance(value, (float, str)):
-            text, last = (
-                value if isinstance(value, str) else f"{value:.5g}",
-                name.removesuffix("_se").split("_")[-1],
-            )
-            rows.append((name, "-" if text == "nan" else f"{text} {units.get(last, '')}"))
+            text = value if isinstance(value, str) else f"{value:.5g}"
+            unit = units.get(name.removesuffix("_se").rpartition("_")[2], "")
+            rows.append((name, "-" if text == "nan" else f"{text} {unit}"))
     show(columns(rows))
     pairs = zip(found["line_frequencies"], found["line_levels"], strict=True)
     show("\n" + columns([("line Hz", "dB"), *((f"{f:.1f}", f"{level:.1f}") for f, level in pairs)]))

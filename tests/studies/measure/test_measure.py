@@ -21,11 +21,10 @@ RATE, BAND = 50e3, (200.0, 10e3)
 
 def run(V, d2=1.5e-7, duration=1.0):
     """A recorded run, and its velocity of B after settling, mm/s, with its times."""
+    scene = Scene(V, 5.0, 0.2, 9.0, Rig.of(d2=d2))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FixedContactWarning)
-        motion = simulate(
-            Scene(V, 5.0, 0.2, 9.0, Rig.of(d2=d2)), duration, record=("velocity_B",), sample_rate=RATE
-        )
+        motion = simulate(scene, duration, record=("velocity_B",), sample_rate=RATE)
     settled = motion.time >= motion.summary["first_slip_time"] + 0.1
     return motion.summary, motion.time[settled], 1e3 * motion.velocity_B[settled]
 
@@ -182,21 +181,14 @@ def csv(values, head="t [s],v [mm/s]", keep=slice(None), times=TIMES):
 
 
 BAD = {
-    "gap": (
-        csv(np.where(TIMES == 0.02, np.nan, TONE)),
-        "",
-        "channel v: 1 of 5000 samples are missing, first number",
-    ),
+    "gap": (csv(np.where(TIMES == 0.02, np.nan, TONE)), "", "v: 1 of 5000 samples are missing, first number 1001"),
     "jump": (csv(TONE, keep=np.r_[:900, 1000:5000]), "", "not even: 0.01798 s is followed by 0.02 s; cut out"),
     "jitter": (csv(TONE, times=TIMES + 1.8e-5 * (np.arange(5000) % 2)), "", "its times are not even"),
     "clipped": (csv(np.minimum(TONE, 0.8)), "", "it is clipped: .* values are 0.8, .*; record it with a larger"),
     "level": (csv(TONE, "t,v [dB]"), "", "--unit dB: a level has no phase; record the signal itself"),
     "levels": (csv(TONE), "--unit dBV", "--unit dBV: a level"),
-    "short": (
-        csv(TONE, keep=slice(1000)),
-        "",
-        "v has 1000 samples .*; it must have 1024: record 0.0205 s or more",
-    ),
+    "short": (csv(TONE, keep=slice(1000)), "", "v has 1000 samples .*; it must have 1024: record 0.0205 s or"),
+    "row": (csv(TONE, "t,v [g]", slice(1)), "", "v: it has less than two samples; it must have 1024"),
     "constant": (csv(0.0 * TONE + 3.0), "", "channel v: it is constant, 3; choose"),
     "several": (csv(np.c_[TONE, TONE], "t,v [g],w [g]"), "", "--channel missing: .* has 1 .v., 2 .w.; give one"),
     "unknown": (csv(TONE), "--channel z", "--channel = z|--channel z: .* has 1 .v.; give one"),
