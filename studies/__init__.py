@@ -122,15 +122,15 @@ def fit(
     """
     from functools import partial
 
-    from studies import registry, runner
+    from studies import registry, results, runner
     from studies.fitting import presentation
-    from studies.fitting import rounds as fitting
     from studies.fitting.problem import read
+    from studies.fitting.rounds import run as fitted
     from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
     one, watch = read(problem, registry.resolve, samples=samples, rounds=rounds), partial(_callback, progress)
-    file = fitting.file_of(one, out)
-    dataset = fitting.run(one, file, runner.backend(scheduler, workers), watch, fresh=fresh)
+    file = results.file_of_fit(one.name, out)
+    dataset = fitted(one, file, runner.backend(scheduler, workers), watch, fresh=fresh)
     runner.plot(presentation.study(dataset), dataset, file)
     return dataset
 

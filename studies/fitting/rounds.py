@@ -15,7 +15,7 @@ from scipy.special import ndtr
 from fivcore.errors import SceneError
 from studies.fitting import sampling
 from studies.fitting.problem import Model, Problem, Source, varied
-from studies.results import FITS, results_folder
+from studies.results import FITS
 from sweeps import Axis, Grid, InputError, Sweep, Variable
 
 if TYPE_CHECKING:
@@ -24,26 +24,16 @@ if TYPE_CHECKING:
     from fivcore import Structure
     from sweeps import Plan, Progress
 
+    Watch = Callable[[Plan], AbstractContextManager[Progress | None]]
+
 # What a file says of a target.
 STATED = ("name", "value", "within", "codes")
 # Digits of a draw, which are the same on every processor.
 DIGITS = 9
 
 
-def file_of(problem: Problem, out: str | Path | None = None) -> Path:
-    """The netCDF file of a fit."""
-    return results_folder(out) / FITS / problem.name / f"{problem.name}.nc"
-
-
-def run(
-    problem: Problem,
-    file: Path,
-    backend: tuple[Any, int | None],
-    watch: Callable[[Plan], AbstractContextManager[Progress | None]],
-    *,
-    fresh: bool = False,
-) -> xr.Dataset:
-    """Run each round within `watch(plan)`, a context with its progress, and return the whole result.
+def run(problem: Problem, file: Path, how: tuple[Any, Any], watch: Watch, *, fresh: bool = False) -> xr.Dataset:
+    """Run each round on the back end `how` within `watch(plan)`, a context with its progress; the whole result.
 
     Rounds that the file has are kept. An `InputError` if no draw of the first round can be.
     """
@@ -52,7 +42,7 @@ def run(
         z = sampling.replay(start, likelihoods, problem.samples, problem.seed)[1]
         planned = sweep_of(problem, start, z).plan(file, fresh=fresh and not number)
         with watch(planned) as progress:
-            dataset = planned.run(*backend, progress)
+            dataset = planned.run(*how, progress)
         likelihoods = log_likelihood(problem, dataset)
         if not np.isfinite(likelihoods).any():
             file.unlink(missing_ok=True)
