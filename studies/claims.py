@@ -10,9 +10,9 @@ import numpy as np
 
 from studies import labels, paper
 from studies.motion import regimes
-from studies.nearest import nearest
 from studies.parameters import RIG
 from studies.results import settings, structure_in
+from studies.spec import nearest
 
 if TYPE_CHECKING:
     import pandas as pd
