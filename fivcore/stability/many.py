@@ -1,11 +1,7 @@
 """Flutter onsets of one rig, or of many that differ in all parameters but the mesh: below a millisecond each.
 
-Modes come from `fivcore.beams.similar`, roots from the search of `fivcore.stability.onsets`. Its time goes with
-the number of poles, and most of them lie far beyond the band. NODES poles replace those: with s = 1 / p, each term
-1 / (p - lambda) = s / (1 - lambda s), and 1 / (1 - lambda s) is interpolated at the Chebyshev nodes of
-0 < s < 1 / FAR, in units of the band's lambda. The pole of this function lies 49 half-widths of the interval from
-its middle where |lambda| = 1, and 13.5 at lambda = -4, where |phi| = 2: the error is some 98^-NODES or 27^-NODES
-of a term, less than rounding (Trefethen, Approximation Theory and Approximation Practice, 2013, theorem 8.2).
+Modes come from `fivcore.beams.similar`, those far above the band compressed (`fivcore.contact.compression`), and
+roots from the search of `fivcore.stability.onsets`.
 """
 
 from __future__ import annotations
@@ -20,13 +16,12 @@ from numpy.typing import NDArray
 
 from fivcore import checks
 from fivcore.beams.similar import lower_deflections, unit_cantilever, upper_modes
+from fivcore.contact.compression import BLOCKS, FAR, compressed
 from fivcore.errors import InputError, UnsolvedError
 from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array, ReadOnlyArrays, kernel
 from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS, Rig, Structural, checked_theta
-from fivcore.stability import falling
-from fivcore.stability.by_mode_onsets import divergence_onset
-from fivcore.stability.falling import checked_sliding
+from fivcore.stability.falling import checked_sliding, falling_crossings
 from fivcore.stability.onsets import (
     ARC,
     MOST_INTERVALS,
@@ -37,12 +32,9 @@ from fivcore.stability.onsets import (
     onset_function,
     onset_root,
 )
+from fivcore.stability.sampled import coulomb_crossings, divergence_onset
 from fivcore.structure import Structure, structure_of
 
-FAR, NODES = 25.0, 12
-# Chebyshev nodes of (-1, 1), and their barycentric weights.
-ANGLES = (np.arange(NODES) + 0.5) * np.pi / NODES
-POINTS, WEIGHTS = np.cos(ANGLES), np.sin(ANGLES) * (-1.0) ** np.arange(NODES)
 # Rigs searched together, on which no result depends.
 BATCH = 256
 # Parameters of a beam, and of a rig with theta: the columns of `rig_table`.
@@ -172,11 +164,15 @@ def _own_onsets(
 ) -> FlutterOnsets:
     """`flutter_onsets` of a structure."""
     band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
-    mu, place, change = falling.crossings(own, band, friction, values, "mu", 0.0, most).T
+    divergence, kappa = float("nan"), friction.kinetic_ratio
+    if friction.constant:
+        found, divergence = coulomb_crossings(own, band, kappa, most), divergence_onset(own, band, kappa * most) / kappa
+    else:
+        found = falling_crossings(own, band, friction, values, "mu", 0.0, most)
+    mu, place, change = found.T
     on_axis, up = place <= 1.0, change > 0.0
     onset, recovery = on_axis & (change == 2.0), on_axis & (change == -2.0)
-    entry, kappa = mu[~on_axis & (place <= TOP) & up].copy(), friction.kinetic_ratio
-    divergence = divergence_onset(own, band, kappa * most) / kappa if friction.constant else float("nan")
+    entry = mu[~on_axis & (place <= TOP) & up].copy()
     return FlutterOnsets(mu[onset], band * place[onset], mu[recovery], band * place[recovery], entry, divergence)
 
 
@@ -303,15 +299,13 @@ def _check(row: int, values: list[Any], rig: Rig) -> None:
 @kernel
 def _search_rows(table: Array, unit: float, mu_max: float, upper: Any, lower: Any) -> tuple[Array, Array, int]:
     """Crossings (k, 4): row, mu, place on the path, change; divergence_mu of the rows; one that failed, or -1."""
-    poles = upper[0].shape[1] + lower[0].shape[1] + 1 + NODES
-    divergence, system = np.full(len(table), np.nan), np.empty((3, poles))
+    divergence = np.full(len(table), np.nan)
     found, brackets, count = np.empty((0, 4)), np.empty((MOST_INTERVALS, 3)), 0
     for k in range(len(table)):
         d1, d2 = table[k, 3] / unit, table[k, 4] * unit
         x, y = axis_point(1.0, d1, d2)
         # The band's largest lambda, more than 1 with heavy damping.
-        size = contact_poles(table[k], unit, max(1.0, np.hypot(x, y)), upper, lower, system)
-        p, a, b = system[0, :size], system[1, :size], system[2, :size]
+        p, a, b = contact_poles(table[k], unit, max(1.0, np.hypot(x, y)), upper, lower)
         if not np.any(b):
             continue
         number, judged = isolate(p, a, b, d1, d2, mu_max, brackets)
@@ -341,8 +335,8 @@ def _search_rows(table: Array, unit: float, mu_max: float, upper: Any, lower: An
 
 
 @kernel
-def contact_poles(row: Array, unit: float, limit: float, upper: Any, lower: Any, system: Array) -> int:
-    """Fill `system` with poles p and residues a, b of `isolate`, those beyond FAR `limit` replaced; their number.
+def contact_poles(row: Array, unit: float, limit: float, upper: Any, lower: Any) -> tuple[Array, Array, Array]:
+    """Poles p and residues a, b of `isolate`, far ones compressed.
 
     `row` is one of `rig_table`, `upper` and `lower` are the beams' `unit_cantilever`; `limit` times unit^2 is the
     largest lambda in the band, rad2/s2.
@@ -352,34 +346,20 @@ def contact_poles(row: Array, unit: float, limit: float, upper: Any, lower: Any,
     deflections, n = lower_deflections(row[1] / row[10], lower[1]), modes.shape[1]
     # What is rounding beside the largest entry is no coupling, as in `beams.modes`.
     least1, least2 = 1e-15 * np.abs(modes[1]).max(), 1e-15 * np.abs(deflections).max()
-    size, far, share, new_a, new_b = 0, False, np.empty(NODES), np.zeros(NODES), np.zeros(NODES)
+    size, p, g = 0, np.empty(n + len(deflections)), np.zeros((2, n + len(deflections)))
     for i in range(n + len(deflections)):
+        square, normal, tangential, mass, least = 0.0, 0.0, 0.0, mass1, least1
         if i < n:
-            p, normal, tangential, mass, least = modes[0, i], modes[1, i], modes[2, i], mass1, least1
+            square, normal, tangential = modes[0, i], modes[1, i], modes[2, i]
         else:
-            p, normal, tangential = bending * lower[0][0, len(deflections) // 2 + i - n], -deflections[i - n], 0.0
+            square, normal = bending * lower[0][0, len(deflections) // 2 + i - n], -deflections[i - n]
             mass, least = mass2, least2
-        p, a, b = p / unit**2, normal * normal / (mass * unit**2), normal * tangential / (mass * unit**2)
-        if abs(normal) <= least:
-            continue
-        if p <= FAR * limit:
-            system[0, size], system[1, size], system[2, size] = p, a, b
+        if abs(normal) > least:
+            root = np.sqrt(mass) * unit
+            p[size], g[0, size], g[1, size] = square / unit**2, normal / root, tangential / root
             size += 1
-            continue
-        # Lagrange polynomials at s = 1 / p by the barycentric formula.
-        far, total = True, 0.0
-        for k in range(NODES):
-            away = 2.0 * FAR * limit / p - 1.0 - POINTS[k]
-            share[k] = WEIGHTS[k] / (away if away != 0.0 else 1e-300)
-            total += share[k]
-        for k in range(NODES):
-            new_a[k] += a / p * (share[k] / total)
-            new_b[k] += b / p * (share[k] / total)
-    for k in range(NODES if far else 0):
-        p = 2.0 * FAR * limit / (1.0 + POINTS[k])
-        system[0, size], system[1, size], system[2, size] = p, p * new_a[k], p * new_b[k]
-        size += 1
-    return size
+    p, _, few = compressed(p[:size], np.zeros(size), g[:, :size], FAR * limit, BLOCKS)
+    return p, few[0] * few[0], few[0] * few[1]
 
 
 @kernel

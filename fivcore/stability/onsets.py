@@ -20,8 +20,7 @@ import numpy as np
 from fivcore.beams.modes import EPS
 from fivcore.errors import UnsolvedError
 from fivcore.jit import Array, kernel
-from fivcore.stability.secular import contact_terms, nearest_pole
-from fivcore.structure import Structure
+from fivcore.stability.exponents import BandModes
 
 # A search that needs more intervals than this has met a W that vanishes altogether; hundreds are usual.
 MOST_INTERVALS = 100_000
@@ -43,6 +42,16 @@ def axis_point(omega: float, d1: float, d2: float) -> tuple[float, float]:
     scale = 1.0 / ((1.0 + d2 * s) ** 2 + (d2 * c) ** 2)
     x = (c * c - s * (s + d1)) * (1.0 + d2 * s) - (2.0 * s + d1) * d2 * c * c
     return x * scale, c * (2.0 * s + d1 + d2 * (s * s + c * c)) * scale
+
+
+@kernel
+def nearest_pole(x: float, p: Array) -> int:
+    """Index of the pole nearest to x."""
+    best = 0
+    for i in range(1, len(p)):
+        if abs(p[i] - x) < abs(p[best] - x):
+            best = i
+    return best
 
 
 @kernel
@@ -177,18 +186,15 @@ def onset_root(low: float, high: float, n: int, p: Array, a: Array, b: Array, d1
     return best
 
 
-def proportional_crossings(own: Structure, fmax: float, mu_max: float) -> Array:
-    """`damped_crossings` with Rayleigh damping, but those of real exponents."""
-    unit = 2.0 * np.pi * fmax
-    p, (a, b) = contact_terms(own, unit**2)
-    felt = a > 1e-30 * a[: len(own.frequency)].max()
-    p, a, b, d1, d2 = p[felt], a[felt], b[felt], own.d1 / unit, own.d2 * unit
-    found, brackets = [], np.empty((MOST_INTERVALS, 3))
+def proportional_crossings(modes: BandModes, mu_max: float) -> Array:
+    """Crossings with Rayleigh damping, (k, 3), as `sampled.sampled_crossings`, but none of real exponents."""
+    p, a, b = (np.ascontiguousarray(each) for each in (modes.p, modes.residues[0], modes.residues[1]))
+    found, brackets, (d1, d2) = [], np.empty((MOST_INTERVALS, 3)), modes.rayleigh
     number, judged = isolate(p, a, b, d1, d2, mu_max, brackets) if np.any(b) else (0, 0)
     if judged == MOST_INTERVALS:
         raise UnsolvedError(
-            f"flutter onsets up to mu_max = {mu_max:g} below fmax = {fmax:g} Hz: the search needs too many"
-            " intervals; choose a smaller band"
+            f"flutter onsets up to mu_max = {mu_max:g} below fmax = {modes.omega / (2.0 * np.pi):g} Hz: the search"
+            " needs too many intervals; choose a smaller band"
         )
     for low, high, pole in brackets[:number].tolist():
         system = int(pole), p, a, b, d1, d2

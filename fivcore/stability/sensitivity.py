@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig, Structural
-from fivcore.stability.by_mode import FAINT
+from fivcore.stability.exponents import FAINT
 from fivcore.stability.many import PARAMETERS, FlutterOnsets, flutter_onsets, flutter_onsets_many, rig_table
 from fivcore.structure import Structure, structure_of
 
@@ -126,7 +126,7 @@ def onset_sensitivity(rig: Structural, theta: float, fmax: float = 10e3, mu_max:
 def _of_structure(own: Structure, onsets: FlutterOnsets, band: float) -> OnsetSensitivity:
     """`onset_sensitivity` of a structure, with 2 pi fmax."""
     m, p, n, t = len(own.frequency), own.stiffness, own.normal, own.tangential
-    # Static modes have the damping of Rayleigh's law, as in `secular`.
+    # Static modes have the damping of Rayleigh's law, as in `exponents`.
     damping = np.append(own.damping[:m], own.d2 * p[m:])
     damped = damping.max() > FAINT * band
     damping = damping if damped else np.where(np.arange(len(p)) < m, TINY * band, 0.0)

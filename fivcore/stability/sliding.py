@@ -21,9 +21,15 @@ from fivcore.errors import InputError
 from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array, Complex, ReadOnlyArrays
 from fivcore.rig import Rig, Structural, checked_theta
-from fivcore.stability.by_mode import damped_by_mode, damped_problem, damped_roots
-from fivcore.stability.falling import checked_sliding, falling_point, modal_shape, uncoupled_shape
-from fivcore.stability.secular import MOST_REPORTED, damp, sliding_problem, sliding_roots
+from fivcore.stability.exponents import (
+    LARGEST,
+    band_modes,
+    damp,
+    damped_by_mode,
+    exponents,
+    sliding_shape,
+)
+from fivcore.stability.falling import checked_sliding, sliding_point
 from fivcore.structure import Structure, structure_of
 
 
@@ -81,7 +87,9 @@ class SlidingModes(ReadOnlyArrays):
         shapes = np.full((*self.frequency.shape, *size), complex(np.nan, np.nan))
         for index in zip(*np.nonzero(np.isfinite(self.frequency)), strict=True):
             theta = float(self.theta[index[:-1]])
-            q = self._modal_shape(index, structure_of(rig, theta))
+            phi = complex(self.growth_rate[index], 2.0 * np.pi * self.frequency[index])
+            falling, alone = not self.friction.constant, bool(self.uncoupled[index])
+            q = sliding_shape(structure_of(rig, theta), phi, alone, falling)
             shape = parts = q[:modes]
             if isinstance(rig, Rig):
                 upper, lower = rig_bases(rig, theta)
@@ -90,26 +98,6 @@ class SlidingModes(ReadOnlyArrays):
                 parts = shape[:, :2].ravel()
             shapes[index] = shape / parts[np.argmax(np.abs(parts))]
         return shapes
-
-    def _modal_shape(self, index: Any, own: Structure) -> Complex:
-        """Modal coordinates of one mode, all of them."""
-        phi, uncoupled = (
-            complex(self.growth_rate[index], 2.0 * np.pi * self.frequency[index]),
-            self.uncoupled[index],
-        )
-        if not self.friction.constant:
-            return modal_shape(own, phi, bool(uncoupled))
-        if isinstance(self.rig, Rig):
-            distance = own.stiffness - self.eigenvalue[index]
-        else:
-            distance = own.stiffness + phi * (own.damping + phi)
-        if uncoupled:
-            return uncoupled_shape(own.normal[None], distance, own.stiffness + np.abs(phi) ** 2)
-        # q_i = (n_i + mu t_i) N / (p_i - lambda), with N such that the nearest pole cancels.
-        force = own.normal + self.friction.kinetic_ratio * self.mu[index[:-1]] * own.tangential
-        nearest = np.argmin(np.where(force != 0.0, np.abs(distance), np.inf))
-        others = np.arange(len(force)) != nearest
-        return np.asarray(force * np.divide(distance[nearest], distance, out=np.ones_like(distance), where=others))
 
 
 def sliding_modes(
@@ -166,39 +154,32 @@ def sliding_modes(
         raise InputError(f"V and F of shapes {shapes}: they must broadcast with {angles.shape}") from None
     angles, frictions = (np.broadcast_to(each, shape).copy() for each in (angles, frictions))
     V, F = (None if each is None else np.broadcast_to(each, shape).copy() for each in (V, F))
-    own = structure_of(rig, 0.0)
-    by_mode = damped_by_mode(own, band) or not friction.constant
-    points = list(zip(angles.ravel().tolist(), frictions.ravel().tolist(), strict=True))
-    if friction.constant:
-        problems = {
-            angle: damped_problem(own, band) if by_mode else sliding_problem(rig, angle, band)
-            for angle in np.unique(angles).tolist()
-        }
-        find, kappa = damped_roots if by_mode else sliding_roots, friction.kinetic_ratio
-        solved = [(problems[angle], find(problems[angle], kappa * each)) for angle, each in points]
-    else:
-        structures = {angle: structure_of(rig, angle) for angle in np.unique(angles).tolist()}
-        further = np.stack([V, F], axis=-1).reshape(-1, 2).tolist()
-        solved = [
-            falling_point(structures[angle], band, friction, each, speed, load)
-            for (angle, each), (speed, load) in zip(points, further, strict=True)
-        ]
-    places = max((len(roots) + len(problem.uncoupled) for problem, roots in solved), default=0)
-    values = np.full((len(solved), places), complex(np.nan, np.nan))
+    m, k, kappa = frictions.ravel() * friction.kinetic_ratio, np.zeros(frictions.size), friction.kinetic_ratio
+    groups = {angle: np.flatnonzero(angles.ravel() == angle) for angle in np.unique(angles).tolist()}
+    solved = []
+    for angle, points in groups.items():
+        own = structure_of(rig, angle)
+        if not friction.constant:
+            for point, *law in zip(points, *(each.ravel()[points].tolist() for each in (frictions, V, F)), strict=True):
+                m[point], k[point] = sliding_point(own, friction, *law)
+        modes = band_modes(own, band, not friction.constant)
+        solved.append((points, modes, exponents(modes, m[points], k[points])))
+    places = max((roots.shape[1] + len(modes.uncoupled) for _, modes, roots in solved), default=0)
+    values = np.full((frictions.size, places), complex(np.nan, np.nan))
     uncoupled = np.zeros(values.shape, dtype=bool)
-    for row, without, (problem, roots) in zip(values, uncoupled, solved, strict=True):
-        count = len(roots) + len(problem.uncoupled)
-        row[: len(roots)], row[len(roots) : count] = roots, problem.uncoupled
-        without[len(roots) : count] = True
-        row[np.abs(row) > MOST_REPORTED] = complex(np.nan, np.nan)
-        row *= problem.unit
-    phi = np.empty_like(values)
-    if by_mode:
-        phi[:] = values
+    for points, modes, roots in solved:
+        count = roots.shape[1] + len(modes.uncoupled)
+        values[points, : roots.shape[1]], values[points, roots.shape[1] : count] = roots, modes.uncoupled
+        uncoupled[points, roots.shape[1] : count] = True
+    omega, phi = 2.0 * np.pi * band, np.empty_like(values)
+    if not friction.constant or damped_by_mode(structure_of(rig, 0.0), band):
+        phi[:] = omega * values
         values = -(phi**2)
     else:
+        largest = max((modes.largest for _, modes, _ in solved), default=1.0)
+        values[np.abs(values) > LARGEST * largest] = complex(np.nan, np.nan)
+        values *= omega**2
         damp(values.ravel(), rig.d1, rig.d2, phi.ravel())
-    omega = 2.0 * np.pi * band
     phi[(phi.imag > omega) | (np.abs(phi) > 2.0 * omega)] = complex(np.nan, np.nan)
     missing = np.isnan(phi)
     values[missing], uncoupled[missing] = complex(np.nan, np.nan), False
