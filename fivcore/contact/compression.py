@@ -1,10 +1,10 @@
 """Modes far above a band compressed to a few, once, for everything that a structure does in that band.
 
-Seen from its contact a structure is h(phi) = sum_i g_i g_i^T / (p_i + c_i phi + phi^2), g = (n, t). With Rayleigh
-damping this is a function of the undamped eigenvalue lambda alone, sum_i w_i w_i^T / (1 - lambda s_i) with s = 1 / p
-and w = g sqrt(s). Block Lanczos from both rows of w gives the Gauss quadrature of this sum: k blocks match its first
-2 k moments, and its nodes and weights are modes again (Freund, Acta Numerica 12, 2003, 267-319). The first block is
-residual flexibility (MacNeal; Rubin); modes with s = 0 are static compliance.
+Seen from its contact a structure is h(phi) = sum_i g_i g_i^T / (p_i + c_i phi + phi^2), g = (n, t). With
+Rayleigh damping this is a function of the undamped eigenvalue lambda, sum_i w_i w_i^T / (1 - lambda s_i) with
+s = 1 / p and w = g sqrt(s). Block Lanczos from both rows of w gives the Gauss quadrature of this sum: k blocks
+match its first 2 k moments, and its nodes and weights are modes again (Freund, Acta Numerica 12, 2003, 267-319).
+The first block is residual flexibility (MacNeal; Rubin); a mode with s = 0 is static compliance.
 
 Damping by mode leaves no such variable. There a few of the far modes stand for all of them: their responses are
 interpolated to rounding in the disc of the band by those of some, chosen by QR with pivoting (interpolative
@@ -14,10 +14,11 @@ decomposition; Cheng, Gimbutas, Martinsson and Rokhlin, SIAM J. Sci. Comput. 26,
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
 from fivcore.beams.modes import EPS, one_blas_thread
-from fivcore.jit import Array, kernel
+from fivcore.jit import Array, kernel, reordered_call
 
 # Modes with p above FAR times the band's largest |lambda| are far, and BLOCKS of two replace them.
 FAR, BLOCKS = 16.0, 6
@@ -25,6 +26,14 @@ FAR, BLOCKS = 16.0, 6
 STATIC_NODE = 1e-12
 # Points at which responses are interpolated, in units of 2 pi fmax.
 CIRCLE = 1.5 * np.exp(1j * np.pi * (np.arange(16) + 0.5) / 16.0)[:, None]
+
+
+@reordered_call
+def _dot(a: Array, b: Array) -> float:
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total
 
 
 @kernel
@@ -38,53 +47,97 @@ def lanczos(s: Array, damping: Array, w: Array, blocks: int) -> tuple[Array, Arr
     for j in range(2 * blocks):
         if j >= 2 and used == size:
             break
-        new = w[j] * 1.0 if j < 2 else s * basis[used]
+        new = basis[size]
+        new[:] = w[j] if j < 2 else s * basis[used]
         used += j >= 2
-        length = np.sqrt(np.sum(new * new))
+        length = np.sqrt(_dot(new, new))
         # Twice is enough (Parlett, The Symmetric Eigenvalue Problem, 1980, section 6-9).
         for _ in range(2):
             for i in range(size):
-                new -= np.sum(basis[i] * new) * basis[i]
-        rest = np.sqrt(np.sum(new * new))
+                share = _dot(basis[i], new)
+                for row in range(len(s)):
+                    new[row] -= share * basis[i, row]
+        rest = np.sqrt(_dot(new, new))
         if rest > 1e-13 * length:
-            basis[size] = new / rest
+            new /= rest
             size += 1
-    projected, shares = np.empty((2, size, size)), np.empty((2, size))
+    projected, loss, shares = np.empty((size, size)), np.empty((size, size)), np.zeros((2, size))
     for i in range(size):
-        for j in range(size):
+        for j in range(i + 1):
             both = basis[i] * basis[j]
-            projected[0, i, j], projected[1, i, j] = np.sum(s * both), np.sum(damping * both)
-        for r in range(2):
-            shares[r, i] = np.sum(basis[i] * w[r])
-    nodes, turn = np.linalg.eigh(-projected[0])
-    lost, weights = np.zeros(size), np.zeros((2, size))
-    for k in range(size):
-        for i in range(size):
+            projected[i, j] = projected[j, i] = _dot(both, s)
+            loss[i, j] = loss[j, i] = _dot(both, damping)
+        # The rows are in the span of the first vectors.
+        for r in range(i, 2):
+            shares[r, i] = _dot(basis[i], w[r])
+    turn = jacobi(projected)
+    nodes, weights, own = np.empty(size), np.zeros((2, size)), np.zeros(size)
+    for i in range(size):
+        nodes[i] = projected[i, i]
+        for k in range(size):
             for r in range(2):
-                weights[r, k] += shares[r, i] * turn[i, k]
+                weights[r, i] += shares[r, k] * turn[k, i]
             for j in range(size):
-                lost[k] += turn[i, k] * projected[1, i, j] * turn[j, k]
-    return -nodes, lost, weights
+                own[i] += turn[k, i] * loss[k, j] * turn[j, i]
+    order = np.argsort(-nodes)
+    return nodes[order], own[order], weights[:, order]
 
 
 @kernel
-def compressed(p: Array, c: Array, g: Array, far: float, blocks: int) -> tuple[Array, Array, Array]:
-    """Modes p, c, (n,), and g, (2, n), with all those above p = `far` replaced by at most 2 blocks."""
-    n = len(p)
-    others = np.flatnonzero(p > far)
+def jacobi(matrix: Array) -> Array:
+    """Diagonalise a symmetric matrix, (n, n), in place; return its eigenvectors, one a column.
+
+    Small couplings keep their relative accuracy, such as that of normal and tangential motion of an upright rig:
+    LAPACK's would be rounding of the largest (Demmel and Veselic, SIAM J. Matrix Anal. 13, 1992, 1204-1245).
+    """
+    n = len(matrix)
+    turn = np.eye(n)
+    for _ in range(30):
+        done = True
+        for i in range(n):
+            for j in range(i + 1, n):
+                off = matrix[i, j]
+                if abs(off) <= 1e-30 * np.sqrt(abs(matrix[i, i] * matrix[j, j])) or off == 0.0:
+                    continue
+                done = False
+                slope = 0.5 * (matrix[j, j] - matrix[i, i]) / off
+                tangent = (1.0 if slope >= 0.0 else -1.0) / (abs(slope) + np.hypot(1.0, slope))
+                cosine = 1.0 / np.hypot(1.0, tangent)
+                sine = tangent * cosine
+                matrix[i, i] -= tangent * off
+                matrix[j, j] += tangent * off
+                matrix[i, j] = matrix[j, i] = 0.0
+                for k in range(n):
+                    if k != i and k != j:
+                        x, y = matrix[k, i], matrix[k, j]
+                        matrix[k, i] = matrix[i, k] = cosine * x - sine * y
+                        matrix[k, j] = matrix[j, k] = sine * x + cosine * y
+                    x, y = turn[k, i], turn[k, j]
+                    turn[k, i], turn[k, j] = cosine * x - sine * y, sine * x + cosine * y
+        if done:
+            break
+    return turn
+
+
+@kernel
+def compressed(p: Array, c: Array, g: Array, far: NDArray[np.bool_], blocks: int) -> tuple[Array, Array, Array]:
+    """Modes p, c, (n,), and g, (2, n), with those that are `far`, (n,), replaced by at most 2 blocks."""
+    others, near = np.flatnonzero(far), np.flatnonzero(~far)
     if len(others) <= 2 * blocks:
         return p, c, g
     s, damping, w = np.empty(len(others)), np.empty(len(others)), np.empty((2, len(others)))
-    for k, i in enumerate(others):
+    for k in range(len(others)):
+        i = others[k]
         s[k], damping[k] = 1.0 / p[i], c[i] / p[i]
         w[0, k], w[1, k] = g[0, i] * np.sqrt(s[k]), g[1, i] * np.sqrt(s[k])
     nodes, lost, weights = lanczos(s, damping, w, blocks)
-    size, near = n - len(others) + len(nodes), np.flatnonzero(p <= far)
+    size = len(near) + len(nodes)
     stiffness, dashpots, gaps = np.empty(size), np.empty(size), np.empty((2, size))
-    for k, i in enumerate(near):
+    for k in range(len(near)):
+        i = near[k]
         stiffness[k], dashpots[k], gaps[0, k], gaps[1, k] = p[i], c[i], g[0, i], g[1, i]
-    for i in range(len(nodes)):
-        k = len(near) + i
+    for k in range(len(near), size):
+        i = k - len(near)
         stiffness[k] = 1.0 / max(nodes[i], STATIC_NODE * nodes[0])
         dashpots[k] = lost[i] * stiffness[k]
         gaps[0, k], gaps[1, k] = weights[0, i] * np.sqrt(stiffness[k]), weights[1, i] * np.sqrt(stiffness[k])

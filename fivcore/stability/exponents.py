@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from fivcore.beams.modes import EPS, one_blas_thread
-from fivcore.contact.compression import BLOCKS, FAR, compressed, interpolated
+from fivcore.contact.compression import BLOCKS, FAR, STATIC_NODE, compressed, interpolated
 from fivcore.errors import InputError
 from fivcore.jit import Array, Complex, kernel
 from fivcore.structure import Structure
@@ -32,8 +32,9 @@ from fivcore.structure import Structure
 TOP, LARGEST = 2.0, 5.0
 # `FAR` and `BLOCKS` of the eigenproblem; how much more than what is listed its eigenvalues may be.
 NEAR, FEW, MARGIN = 9.0, 2, 1.02
-# Damping that is none; real shifts, of which that is used where f is farthest from 0.
-FAINT, SHIFTS = 1e-12, np.array([1.3, 0.55, 2.4])
+# Damping that is none; real shifts, of which that is used where f is farthest from 0; the longest way of a root by
+# Newton steps, as a share of it.
+FAINT, SHIFTS, FURTHEST = 1e-12, (1.3, 0.55, 2.4), 0.05
 # Where friction falls: STIFF d2 2 pi fmax is at most 1, unless there are few modes. Points solved together.
 STIFF, CROWD = 5.0, 200
 BATCH = 256
@@ -82,7 +83,10 @@ def band_modes(own: Structure, fmax: float, falling: bool = False) -> BandModes:
     p, c, g = own.stiffness / omega**2, own.damping / omega, np.stack([own.normal, own.tangential]) / omega
     largest = 1.0
     if rayleigh:
-        # Static modes are damped as all others are.
+        # Static modes are damped as all others are, and compliance alone in any band.
+        further = np.maximum(1.0 / (STATIC_NODE * p[len(own.frequency) :]), 1.0)
+        p[len(own.frequency) :] *= further
+        g[:, len(own.frequency) :] *= np.sqrt(further)
         c = rayleigh[0] + rayleigh[1] * p
         largest = max(1.0, float(np.hypot(1.0, rayleigh[0]) / np.hypot(1.0, rayleigh[1])))
     order = np.lexsort((c, p))
@@ -101,7 +105,8 @@ def band_modes(own: Structure, fmax: float, falling: bool = False) -> BandModes:
     hidden = p[~coupled] if rayleigh and not falling else pair(p[~coupled], c[~coupled]).ravel()
     hidden = hidden[(hidden.imag >= 0.0) & (np.abs(hidden) <= MARGIN * LARGEST * largest)]
     p, c, g = p[coupled], c[coupled], np.ascontiguousarray(g[:, coupled])
-    near, far = NEAR * largest, FAR * largest
+    # Squared distance from the band; that of an overdamped mode is that of its slower exponent.
+    away = p / largest if rayleigh else np.abs(pair(p, c)[0]) ** 2
     if falling and own.d2 * omega * STIFF > 1.0:
         # Exponents of stiff modes crowd at -1 / d2, near the band.
         if own.static or len(p) > CROWD:
@@ -109,13 +114,13 @@ def band_modes(own: Structure, fmax: float, falling: bool = False) -> BandModes:
                 f"d2 = {own.d2:g}: with friction that falls with the speed it must be at most"
                 f" {1.0 / (STIFF * omega):.3g} s for fmax = {fmax:g} Hz; choose a smaller d2 or fmax"
             )
-        near = far = np.inf
-    few = compressed(p, c, g, near, FEW)
+        away = np.zeros(len(p))
+    few = compressed(p, c, g, away > NEAR, FEW)
     if rayleigh:
-        p, c, g = compressed(p, c, g, far, BLOCKS)
+        p, c, g = compressed(p, c, g, away > FAR, BLOCKS)
         residues = g[[0, 0, 1]] * g[[0, 1, 1]]
     else:
-        residues, beyond = g[[0, 0, 1]] * g[[0, 1, 1]], p > far
+        residues, beyond = g[[0, 0, 1]] * g[[0, 1, 1]], away > FAR
         if beyond.sum() > 2 * BLOCKS:
             some = interpolated(p[beyond], c[beyond], residues[:, beyond])
             p, c, residues = (
@@ -143,59 +148,75 @@ def pair(p: Any, c: Any) -> Complex:
     return np.stack([high, low])
 
 
-def undamped_roots(modes: BandModes, m: Array) -> Complex:
-    """Undamped eigenvalues of the band without k, with Rayleigh damping, (points, any), with NaN; m is (points,)."""
-    p, _, (n, t) = modes.few
-    d = 1.0 / (p + modes.largest * SHIFTS[:, None])
-    terms = d * n * (n + np.multiply.outer(m, t))[:, None]
-    # As far as possible from a root.
-    best = np.argmax(np.abs(terms.sum(axis=-1)) / np.abs(terms).sum(axis=-1), axis=1)
-    d, terms = d[best], terms[np.arange(len(m)), best]
-    inverse = (d * (n + np.multiply.outer(m, t)))[:, :, None] * (d * n)[:, None]
-    inverse /= -terms.sum(axis=-1)[:, None, None]
-    inverse[:, np.arange(len(p)), np.arange(len(p))] += d
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = 1.0 / np.linalg.eigvals(inverse) - modes.largest * SHIFTS[best][:, None]
-    found = np.where((found.imag >= 0.0) & (np.abs(found) <= MARGIN * LARGEST * modes.largest), found, np.nan)
-    found = _packed(found.astype(complex))
-    polish(found, m, np.zeros(len(m)), modes.p, np.full(len(modes.p), -1.0), 0.0, modes.residues)
-    return np.concatenate([found, np.where(found.imag > 0.0, found.conj(), np.nan)], axis=1)
+@kernel
+def undamped_inverse(m: Array, p: Array, n: Array, t: Array, largest: float) -> tuple[Array, Array]:
+    """Matrices with the eigenvalues 1 / (lambda - shift), (points, k, k), and their shifts, for friction m."""
+    size, inverse, shifts = len(p), np.zeros((len(m), len(p), len(p))), np.empty(len(m))
+    for point in range(len(m)):
+        clearest, total = -1.0, 0.0
+        for shift in SHIFTS:
+            value, parts = 0.0, 0.0
+            for i in range(size):
+                term = n[i] * (n[i] + m[point] * t[i]) / (p[i] + largest * shift)
+                value, parts = value + term, parts + abs(term)
+            if abs(value) > clearest * parts:
+                clearest, total, shifts[point] = abs(value) / parts, value, largest * shift
+        for i in range(size):
+            d = 1.0 / (p[i] + shifts[point])
+            force = d * (n[i] + m[point] * t[i]) / total
+            for j in range(size):
+                inverse[point, i, j] = -force * n[j] / (p[j] + shifts[point])
+            inverse[point, i, i] += d
+    return inverse, -shifts
 
 
-def damped_roots(modes: BandModes, m: Array, k: Array) -> Complex:
-    """Exponents with Im >= 0 in the band, (points, any), with NaN; m and k, in units of 1 / omega, are (points,)."""
-    p, c, (n, t) = modes.few
-    size, one = len(p), np.arange(len(p))
-    # As far as possible from a root.
-    d = 1.0 / (p + SHIFTS[:, None] * (c + SHIFTS[:, None]))
-    A, B, C = (d[:, None] * np.stack([n * n, n * t, t * t])).sum(axis=-1).T
-    parts = A + 0.0 * m[:, None], m[:, None] * B, -k[:, None] * SHIFTS * (A * C - B * B)
-    best = np.argmax(np.abs(sum(parts)) / sum(map(np.abs, parts)), axis=1)
-    d, s = d[best], SHIFTS[best][:, None]
-    # State q and v = phi q, phi = s + 1 / beta: q = base y + forces (N, F), F = k d(g_T)/dt, v = s q + y_q.
-    base = np.zeros((len(m), size, 2 * size))
-    base[:, one, one], base[:, one, size + one] = -d * (c + s), -d
-    forces = np.stack([d * (n + np.multiply.outer(m, t)), d * t], axis=2)
-    rows = np.stack([np.tile(n, (len(m), 1)), (k[:, None] * s) * t], axis=1)
-    known, closing = rows @ base, rows @ forces
-    known[:, 1, :size] += k[:, None] * t
-    closing[:, 1, 1] -= 1.0
-    q = base - forces @ np.linalg.solve(closing, known)
-    inverse = np.concatenate([q, s[:, :, None] * q], axis=1)
-    inverse[:, size + one, one] += 1.0
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = s + 1.0 / np.linalg.eigvals(inverse)
-    inside = (found.imag >= 0.0) & (found.imag <= MARGIN) & (np.abs(found) <= MARGIN * TOP)
-    found = _packed(np.where(inside, found, np.nan).astype(complex))
-    polish(found, m, k, modes.p, modes.c, 1.0, modes.residues)
-    return np.where(np.abs(found.real) <= 16.0 * EPS * np.abs(found), 1j * found.imag, found)
+@kernel
+def damped_inverse(m: Array, k: Array, p: Array, c: Array, n: Array, t: Array) -> tuple[Array, Array]:
+    """Matrices with the eigenvalues 1 / (phi - shift), (points, 2 size, 2 size), and their shifts.
 
+    The state is q and v = phi q. With the shift s and d = 1 / (p + s c + s^2) it solves the linear equations
 
-def _packed(values: Complex) -> Complex:
-    """Each row in order, its NaN last, with no more columns than needed."""
-    order = np.argsort(np.isnan(values), axis=1, kind="stable")
-    most = int(np.sum(~np.isnan(values), axis=1).max(initial=0))
-    return np.ascontiguousarray(np.take_along_axis(values, order[:, :most], axis=1))
+        v = s q + x,  q = -d ((c + s) x + y) + d n N + d t (m N + T),  n q = 0,  T = k t v
+
+    for given x and y: (q, v) = inverse (x, y).
+    """
+    size, inverse, shifts, d = (
+        len(p),
+        np.zeros((len(m), 2 * len(p), 2 * len(p))),
+        np.empty(len(m)),
+        np.empty(len(p)),
+    )
+    for point in range(len(m)):
+        clearest, s, sums = -1.0, 0.0, (0.0, 0.0, 0.0)
+        for shift in SHIFTS:
+            A, B, C = 0.0, 0.0, 0.0
+            for i in range(size):
+                soft = 1.0 / (p[i] + shift * (c[i] + shift))
+                A, B, C = A + n[i] * n[i] * soft, B + n[i] * t[i] * soft, C + t[i] * t[i] * soft
+            falling = k[point] * shift * (A * C - B * B)
+            clear = abs(A + m[point] * B - falling) / (A + abs(m[point] * B) + falling)
+            if clear > clearest:
+                clearest, s, sums = clear, shift, (A, B, C)
+        shifts[point] = s
+        A, B, C = sums
+        # n q = 0 and T = k t v as equations for N and T, of which T is in units of 1 + k s C.
+        a11, a12, scale = A + m[point] * B, B, 1.0 + k[point] * s * C
+        a21, a22 = k[point] * s * (B + m[point] * C) / scale, (k[point] * s * C - 1.0) / scale
+        determinant = a11 * a22 - a12 * a21
+        for i in range(size):
+            d[i] = 1.0 / (p[i] + s * (c[i] + s))
+        for j in range(2 * size):
+            i = j % size
+            share = -d[i] * (c[i] + s) if j < size else -d[i]
+            first = n[i] * share
+            second = k[point] * t[i] * (s * share + (1.0 if j < size else 0.0)) / scale
+            N = -(a22 * first - a12 * second) / determinant
+            T = -(a11 * second - a21 * first) / determinant
+            for row in range(size):
+                q = d[row] * (n[row] * N + t[row] * (m[point] * N + T)) + (share if row == i else 0.0)
+                inverse[point, row, j] = q
+                inverse[point, size + row, j] = s * q + (1.0 if row == j else 0.0)
+    return inverse, shifts
 
 
 @one_blas_thread()
@@ -204,20 +225,29 @@ def exponents(modes: BandModes, m: Array, k: Array) -> Complex:
 
     m and k, N s/m, are (points,).
     """
-    parts = []
-    for i in range(0, len(m), BATCH):
-        at = slice(i, i + BATCH)
-        parts.append(undamped_roots(modes, m[at]) if modes.rayleigh else damped_roots(modes, m[at], modes.omega * k[at]))
-    most = max((each.shape[1] for each in parts), default=0)
-    table = [np.pad(each, ((0, 0), (0, most - each.shape[1])), constant_values=np.nan) for each in parts]
-    return np.concatenate([np.empty((0, most), dtype=complex), *table])
+    (p, c, (n, t)), k, parts = modes.few, modes.omega * k, []
+    for i in range(0, max(len(m), 1), BATCH):
+        points = m[i : i + BATCH], k[i : i + BATCH]
+        # How p - lambda, or p + c phi + phi^2, depend on the root, and where roots are listed.
+        if modes.rayleigh:
+            inverse, shifts = undamped_inverse(points[0], p, n, t, modes.largest)
+            within: Any = (-np.ones(len(modes.p)), 0.0, LARGEST * modes.largest, np.inf)
+        else:
+            inverse, shifts = damped_inverse(*points, p, c, n, t)
+            within = modes.c, 1.0, TOP, 1.0
+        values = np.linalg.eigvals(inverse).astype(complex)
+        parts.append(polished(values, shifts, *points, modes.p, modes.residues, *within))
+    if len(parts) == 1:
+        return parts[0]
+    most = max(each.shape[1] for each in parts)
+    return np.concatenate([np.pad(x, ((0, 0), (0, most - x.shape[1])), constant_values=np.nan) for x in parts])
 
 
 def sliding_shape(own: Structure, phi: complex, uncoupled: bool, falling: bool = True) -> Complex:
-    """Modal coordinates of an exponent, (n,): those of contact forces that leave the normal gap closed.
+    """Modal coordinates of an exponent, (n,): contact forces leave the normal gap closed.
 
-    An uncoupled mode moves alone; of some with one frequency, it is the combination that leaves the normal gap, and
-    with friction that falls the tangential one, closed.
+    An uncoupled mode moves alone; of some with one frequency, it is the combination that leaves the normal gap,
+    and with friction that falls the tangential one, closed.
     """
     damping = own.damping + own.d2 * own.stiffness * (np.arange(len(own.stiffness)) >= len(own.frequency))
     n, t, distance = own.normal, own.tangential, own.stiffness + phi * (damping + phi)
@@ -240,8 +270,11 @@ def sliding_shape(own: Structure, phi: complex, uncoupled: bool, falling: bool =
         q[others], q[nearest] = gap * alone[others] / distance[others], alone[nearest]
     return q
 
+
 @kernel
-def newton_step(z: complex, p: Array, c: Array, power: float, rows: Array, count: int, gaps: Complex) -> tuple[complex, bool]:
+def newton_step(
+    z: complex, p: Array, c: Array, power: float, rows: Array, count: int, gaps: Complex
+) -> tuple[complex, bool]:
     """P / P' of P = f prod_i (p_i + c_i z + power z^2), and whether f is no more than rounding of its terms.
 
     Of `rows`, n (n + m t), n n, sqrt(k) n t and k t t, only the first counts if `count` is 1 (no k), else all 4.
@@ -286,29 +319,58 @@ def newton_step(z: complex, p: Array, c: Array, power: float, rows: Array, count
 
 
 @kernel
-def polish(z: Complex, m: Array, k: Array, p: Array, c: Array, power: float, residues: Array) -> None:
-    """Newton steps from every root z, (points, any), in place, to rounding; one that would go far stays."""
+def polished(
+    inverse: Complex,
+    shifts: Array,
+    m: Array,
+    k: Array,
+    p: Array,
+    residues: Array,
+    c: Array,
+    power: float,
+    largest: float,
+    top: float,
+) -> Complex:
+    """Roots z = shift + 1 / inverse, (points, any), to rounding by Newton steps; first those listed, then NaN.
+
+    Listed are those with |z| up to `largest` and 0 <= Im(z) <= top, and without `power` their conjugates. A root
+    that would go far stays where it was.
+    """
     rows, gaps = np.empty((4, len(p))), np.empty(len(p), np.complex128)
-    for point in range(len(z)):
-        root = np.sqrt(k[point])
+    table, most = np.full((len(m), 2 * inverse.shape[1]), complex(np.nan, np.nan)), 0
+    for point in range(len(m)):
+        root, count = np.sqrt(k[point]), 0
         for i in range(len(p)):
             rows[0, i] = residues[0, i] + m[point] * residues[1, i]
             rows[1, i], rows[2, i], rows[3, i] = residues[0, i], root * residues[1, i], k[point] * residues[2, i]
-        for j in range(z.shape[1]):
-            here, last = z[point, j], np.inf
-            if np.isnan(here.real):
+        for j in range(inverse.shape[1]):
+            if inverse[point, j] == 0.0:
                 continue
+            start = shifts[point] + 1.0 / inverse[point, j]
+            if not (0.0 <= start.imag <= MARGIN * top and abs(start) <= MARGIN * largest):
+                continue
+            here, last = start, np.inf
             for _ in range(30):
                 step, rounding = newton_step(here, p, c, power, rows, 4 if root > 0.0 else 1, gaps)
                 length = abs(step)
+                # Near a double root f is rounding, and steps get no shorter, before they are too short to matter.
                 if rounding and length >= last:
                     break
                 here -= step
                 if length <= 4.0 * EPS * abs(here):
                     break
                 last = length
-            if abs(here - z[point, j]) <= 0.05 * abs(z[point, j]) + 1e-9:
-                z[point, j] = here
+            here = here if abs(here - start) <= FURTHEST * abs(start) + 1e-9 else start
+            # Growth that is rounding is none.
+            if power > 0.0 and abs(here.real) <= 16.0 * EPS * abs(here):
+                here = complex(0.0, here.imag)
+            table[point, count] = here
+            count += 1
+            if power == 0.0 and here.imag > 0.0:
+                table[point, count] = here.conjugate()
+                count += 1
+        most = max(most, count)
+    return table[:, :most].copy()
 
 
 @kernel

@@ -166,7 +166,10 @@ def _own_onsets(
     band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
     divergence, kappa = float("nan"), friction.kinetic_ratio
     if friction.constant:
-        found, divergence = coulomb_crossings(own, band, kappa, most), divergence_onset(own, band, kappa * most) / kappa
+        found, divergence = (
+            coulomb_crossings(own, band, kappa, most),
+            divergence_onset(own, band, kappa * most) / kappa,
+        )
     else:
         found = falling_crossings(own, band, friction, values, "mu", 0.0, most)
     mu, place, change = found.T
@@ -358,7 +361,7 @@ def contact_poles(row: Array, unit: float, limit: float, upper: Any, lower: Any)
             root = np.sqrt(mass) * unit
             p[size], g[0, size], g[1, size] = square / unit**2, normal / root, tangential / root
             size += 1
-    p, _, few = compressed(p[:size], np.zeros(size), g[:, :size], FAR * limit, BLOCKS)
+    p, _, few = compressed(p[:size], np.zeros(size), g[:, :size], p[:size] > FAR * limit, BLOCKS)
     return p, few[0] * few[0], few[0] * few[1]
 
 

@@ -189,7 +189,7 @@ def onset_root(low: float, high: float, n: int, p: Array, a: Array, b: Array, d1
 def proportional_crossings(modes: BandModes, mu_max: float) -> Array:
     """Crossings with Rayleigh damping, (k, 3), as `sampled.sampled_crossings`, but none of real exponents."""
     p, a, b = (np.ascontiguousarray(each) for each in (modes.p, modes.residues[0], modes.residues[1]))
-    found, brackets, (d1, d2) = [], np.empty((MOST_INTERVALS, 3)), modes.rayleigh
+    found, brackets, (d1, d2) = [], np.empty((MOST_INTERVALS, 3)), modes.rayleigh or (0.0, 0.0)
     number, judged = isolate(p, a, b, d1, d2, mu_max, brackets) if np.any(b) else (0, 0)
     if judged == MOST_INTERVALS:
         raise UnsolvedError(

@@ -59,7 +59,7 @@ def contour(omega: float) -> complex:
 def quadratic(
     phi: complex, n: int, p: Array, c: Array, residues: Array, path: FrictionPath
 ) -> tuple[complex, complex, complex]:
-    """Coefficients of (A + m B) (1 + wedging m) - fall x^power phi (A C - B^2) in x, without the pole of mode n."""
+    """Coefficients in x of (A + m B) (1 + wedging m) - fall x^power phi (A C - B^2), mode n's pole taken out."""
     m0, m1, f, fall, power = path
     sums = np.zeros(3, dtype=np.complex128)
     for i in range(len(p)):
@@ -162,7 +162,10 @@ def sampled_crossings(
         roots = roots[np.argsort(np.abs(roots.imag / np.where(roots == 0.0, 1.0, roots)))]
         others = roots[::-1] if len(roots) == 2 else 0.0 * roots
         real = [np.sqrt(x.real) if squared and x.real > 0.0 else x.real for x in roots]
-        return [(value_of(float(x)), complex(z), complex(other)) for x, z, other in zip(real, roots, others, strict=True)]
+        return [
+            (value_of(float(x)), complex(z), complex(other))
+            for x, z, other in zip(real, roots, others, strict=True)
+        ]
 
     for share in STEPS:
         onsets: list[tuple[float, float, float]] = []
@@ -196,7 +199,11 @@ def sampled_crossings(
 
 
 def counts_agree(
-    modes: BandModes, friction_at: Callable[[float], tuple[float, float]], crossings: Array, low: float, high: float
+    modes: BandModes,
+    friction_at: Callable[[float], tuple[float, float]],
+    crossings: Array,
+    low: float,
+    high: float,
 ) -> bool:
     """Whether crossings explain the number of growing exponents between any two of them."""
     ends = np.concatenate([[low], crossings[:, 0], [high]])
@@ -208,6 +215,16 @@ def counts_agree(
     return bool(np.all(growing == growing[:1]))
 
 
+@kernel
+def _inverse_friction(log_phi: float, p: Array, c: Array, residues: Array) -> float:
+    """B / A at a real exponent."""
+    phi, a, b = np.exp(log_phi), 0.0, 0.0
+    for i in range(len(p)):
+        soft = 1.0 / (p[i] + phi * (c[i] + phi))
+        a, b = a + residues[0, i] * soft, b + residues[1, i] * soft
+    return b / a
+
+
 def divergence_onset(own: Structure, fmax: float, mu_max: float) -> float:
     """Least friction up to mu_max at which an exponent is real and grows, at most 2 * 2 pi fmax; NaN without one.
 
@@ -215,17 +232,12 @@ def divergence_onset(own: Structure, fmax: float, mu_max: float) -> float:
     largest value is the least friction.
     """
     modes = band_modes(own, fmax)
-
-    def slope(log_phi: float) -> float:
-        phi = np.exp(log_phi)
-        soft = 1.0 / (modes.p + phi * (modes.c + phi))
-        return float((modes.residues[1] * soft).sum() / (modes.residues[0] * soft).sum())
-
+    system = modes.p, modes.c, modes.residues
     logs = np.linspace(np.log(FIRST), np.log(LARGEST_PHI), REAL)
-    values = np.array([slope(each) for each in logs])
+    values = [_inverse_friction(each, *system) for each in logs]
     k = int(np.argmin(values))
     low, high = logs[max(k - 1, 0)], logs[min(k + 1, REAL - 1)]
-    lowest = min(values[k], slope(fminbound(slope, low, high, xtol=1e-9)))
+    lowest = min(values[k], _inverse_friction(fminbound(_inverse_friction, low, high, system, xtol=1e-9), *system))
     return float(-1.0 / lowest) if lowest * mu_max <= -1.0 else float("nan")
 
 

@@ -30,7 +30,7 @@ from fivcore.stability.exponents import (
     sliding_shape,
 )
 from fivcore.stability.falling import checked_sliding, sliding_point
-from fivcore.structure import Structure, structure_of
+from fivcore.structure import structure_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,13 +154,15 @@ def sliding_modes(
         raise InputError(f"V and F of shapes {shapes}: they must broadcast with {angles.shape}") from None
     angles, frictions = (np.broadcast_to(each, shape).copy() for each in (angles, frictions))
     V, F = (None if each is None else np.broadcast_to(each, shape).copy() for each in (V, F))
-    m, k, kappa = frictions.ravel() * friction.kinetic_ratio, np.zeros(frictions.size), friction.kinetic_ratio
+    m, k = frictions.ravel() * friction.kinetic_ratio, np.zeros(frictions.size)
     groups = {angle: np.flatnonzero(angles.ravel() == angle) for angle in np.unique(angles).tolist()}
     solved = []
     for angle, points in groups.items():
         own = structure_of(rig, angle)
         if not friction.constant:
-            for point, *law in zip(points, *(each.ravel()[points].tolist() for each in (frictions, V, F)), strict=True):
+            for point, *law in zip(
+                points, *(each.ravel()[points].tolist() for each in (frictions, V, F)), strict=True
+            ):
                 m[point], k[point] = sliding_point(own, friction, *law)
         modes = band_modes(own, band, not friction.constant)
         solved.append((points, modes, exponents(modes, m[points], k[points])))

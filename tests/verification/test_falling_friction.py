@@ -7,7 +7,7 @@ import pytest
 from scipy import linalg
 
 from fivcore import Friction, Rig, Scene, Structure, flutter_onsets, sliding_modes, sliding_onsets
-from fivcore.stability.falling import crossings
+from fivcore.stability.falling import falling_crossings
 from fivcore.stability.many import FlutterOnsets
 from tests.helpers.structures import assert_same_set, drawn, within
 
@@ -165,7 +165,7 @@ def test_growth_changes_its_sign_at_onsets(name, kind):
                 growth.append(nearest.real * np.sign(way))
             assert np.all(np.sign(growth) == change)
         values = {"mu": given.mu, "V": given.V, "F": given.F}
-        table, numbers = crossings(own, fmax, given.friction, values, name, low, high), set()
+        table, numbers = falling_crossings(own, fmax, given.friction, values, name, low, high), set()
         for value in np.geomspace(max(low, 1e-2 * high), high, 8).tolist():
             m, k, held = steady(replace(given, **{name: value}))
             if held:
