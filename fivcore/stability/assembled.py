@@ -19,7 +19,7 @@ from scipy import linalg, optimize
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigs, splu
 
 from fivcore import checks
-from fivcore.beams.modes import EPS
+from fivcore.beams.modes import EPS, one_blas_thread
 from fivcore.errors import InputError, UnsolvedError
 from fivcore.jit import Array, Complex, ReadOnlyArrays
 
@@ -30,6 +30,9 @@ SIDE, MARGIN = 0.5, 1.1
 # Eigenvalues computed at once, to begin with, and to see whether any is missing; their number by that of degrees
 # of freedom from which a dense solve is quicker; size of the part of a vector that is not parallel to others.
 NEAREST, FEW, MOST, PARALLEL = 40, 8, 0.5, 1e-8
+# Restarts of an Arnoldi method that take as long as a dense solve, by the squared ratio of degrees of freedom to
+# vectors kept.
+RESTARTS = 1.0
 # Largest residual; largest residual by what is left out of the basis; |Re lam| / |lam| of a neutral mode.
 TOLERANCE, DROP, NEUTRAL = 1e-8, 1e-9, 1e-7
 # Intervals of mu searched for onsets, and the shortest to which one is halved, as a fraction of mu_max.
@@ -88,6 +91,7 @@ class _Problem:
         top = margin * self.band
         return (lam.imag >= -NEUTRAL * self.unit) & (lam.imag <= top) & (np.abs(lam.real) <= SIDE * top)
 
+    @one_blas_thread()
     def modes(self, mu: float) -> Complex:
         """All modes of the region at this mu; lam of a neutral one has the real part 0."""
         try:
@@ -183,9 +187,11 @@ def _nearest(m: Any, c: Any, k: Any, shift: complex, radius: float, count: int) 
     operator = LinearOperator((2 * size, 2 * size), left, dtype=complex)
     while basis.shape[1] + count <= MOST * size:
         start, width = random.standard_normal(2 * size) + 0j, min(count + count // 4 + 20, 2 * size)
+        # So many restarts take as long as a dense solve: overdamped modes, whose real eigenvalues crowd.
+        restarts = 1 + int(RESTARTS * (size / width) ** 2)
         try:
-            inverse, states = eigs(operator, count, v0=start, ncv=width, tol=1e-12)
-        except ArpackError:  # Too few eigenvalues are different.
+            inverse, states = eigs(operator, count, v0=start, ncv=width, tol=1e-12, maxiter=restarts)
+        except ArpackError:  # Or too few eigenvalues are different.
             break
         near = np.abs(inverse) * radius > 1.0
         if not near.any():
