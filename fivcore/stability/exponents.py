@@ -228,15 +228,14 @@ def exponents(modes: BandModes, m: Array, k: Array) -> Complex:
     (p, c, (n, t)), k, parts = modes.few, modes.omega * k, []
     for i in range(0, max(len(m), 1), BATCH):
         points = m[i : i + BATCH], k[i : i + BATCH]
-        # How p - lambda, or p + c phi + phi^2, depend on the root, and where roots are listed.
         if modes.rayleigh:
             inverse, shifts = undamped_inverse(points[0], p, n, t, modes.largest)
-            within: Any = (-np.ones(len(modes.p)), 0.0, LARGEST * modes.largest, np.inf)
+            form: Any = -np.ones(len(modes.p)), modes.residues, 0.0, LARGEST * modes.largest
         else:
             inverse, shifts = damped_inverse(*points, p, c, n, t)
-            within = modes.c, 1.0, TOP, 1.0
+            form = modes.c, modes.residues, 1.0, TOP
         values = np.linalg.eigvals(inverse).astype(complex)
-        parts.append(polished(values, shifts, *points, modes.p, modes.residues, *within))
+        parts.append(polished(values, shifts, *points, modes.p, *form))
     if len(parts) == 1:
         return parts[0]
     most = max(each.shape[1] for each in parts)
@@ -272,14 +271,11 @@ def sliding_shape(own: Structure, phi: complex, uncoupled: bool, falling: bool =
 
 
 @kernel
-def newton_step(
-    z: complex, p: Array, c: Array, power: float, rows: Array, count: int, gaps: Complex
-) -> tuple[complex, bool]:
-    """P / P' of P = f prod_i (p_i + c_i z + power z^2), and whether f is no more than rounding of its terms.
+def newton_step(z: complex, p: Array, c: Array, power: float, rows: Array, count: int, gaps: Complex) -> complex:
+    """P / P' of P = f prod_i (p_i + c_i z + power z^2); the nearest pole is taken out of f. `gaps` is overwritten.
 
-    Of `rows`, n (n + m t), n n, sqrt(k) n t and k t t, only the first counts if `count` is 1 (no k), else all 4.
-    The nearest pole is taken out of f; a c = b^2 for each mode, so that f has no double poles. `gaps`, (n,), is
-    overwritten.
+    Of `rows`, n (n + m t), n n, sqrt(k) n t and k t t, only the first counts if `count` is 1 (no k), else all 4;
+    as (n t)^2 = n n t t for each mode, f has no double poles.
     """
     nearest, least = 0, np.inf
     for i in range(len(p)):
@@ -287,8 +283,7 @@ def newton_step(
         square = gaps[i].real ** 2 + gaps[i].imag ** 2
         if square < least:
             nearest, least = i, square
-    # Each sum, its derivative, and the size of its terms.
-    sums, slopes, sizes, others = np.zeros(4, np.complex128), np.zeros(4, np.complex128), np.zeros(4), 0j
+    sums, slopes, others = np.zeros(4, np.complex128), np.zeros(4, np.complex128), 0j
     for i in range(len(p)):
         if i != nearest:
             inverse = 1.0 / gaps[i]
@@ -298,12 +293,8 @@ def newton_step(
                 term = rows[r, i] * inverse
                 sums[r] += term
                 slopes[r] -= term * fall
-                sizes[r] += abs(term.real) + abs(term.imag)
     gap, rise = gaps[nearest], c[nearest] + 2.0 * power * z
-    parts = p[nearest] + abs(z) * (abs(c[nearest]) + power * abs(z))
-    reduced = rows[0, nearest] + gap * sums[0]
-    derivative = rise * sums[0] + gap * slopes[0]
-    size = abs(rows[0, nearest]) + abs(gap) * sizes[0] + parts * abs(sums[0])
+    reduced, derivative = rows[0, nearest] + gap * sums[0], rise * sums[0] + gap * slopes[0]
     if count > 1:
         a, b, t = rows[1, nearest], rows[2, nearest], rows[3, nearest]
         product = sums[1] * sums[3] - sums[2] * sums[2]
@@ -312,10 +303,8 @@ def newton_step(
         change += gap * (slopes[1] * sums[3] + sums[1] * slopes[3] - 2.0 * sums[2] * slopes[2])
         reduced -= z * mixed
         derivative -= mixed + z * change
-        whole = a * sizes[3] + t * sizes[1] + 2.0 * abs(b) * sizes[2] + parts * abs(product)
-        size += abs(z) * (whole + abs(gap) * (sizes[1] * sizes[3] + sizes[2] * sizes[2]))
     derivative += others * reduced
-    return reduced / derivative if derivative != 0.0 else 0j, abs(reduced) <= 16.0 * EPS * size
+    return reduced / derivative if derivative != 0.0 else 0j
 
 
 @kernel
@@ -325,16 +314,15 @@ def polished(
     m: Array,
     k: Array,
     p: Array,
-    residues: Array,
     c: Array,
+    residues: Array,
     power: float,
     largest: float,
-    top: float,
 ) -> Complex:
     """Roots z = shift + 1 / inverse, (points, any), to rounding by Newton steps; first those listed, then NaN.
 
-    Listed are those with |z| up to `largest` and 0 <= Im(z) <= top, and without `power` their conjugates. A root
-    that would go far stays where it was.
+    Listed are those with |z| up to `largest` and Im(z) from 0 to 1, or without `power` all and their conjugates. A
+    root that would go far stays where it was.
     """
     rows, gaps = np.empty((4, len(p))), np.empty(len(p), np.complex128)
     table, most = np.full((len(m), 2 * inverse.shape[1]), complex(np.nan, np.nan)), 0
@@ -343,18 +331,16 @@ def polished(
         for i in range(len(p)):
             rows[0, i] = residues[0, i] + m[point] * residues[1, i]
             rows[1, i], rows[2, i], rows[3, i] = residues[0, i], root * residues[1, i], k[point] * residues[2, i]
-        for j in range(inverse.shape[1]):
-            if inverse[point, j] == 0.0:
-                continue
-            start = shifts[point] + 1.0 / inverse[point, j]
-            if not (0.0 <= start.imag <= MARGIN * top and abs(start) <= MARGIN * largest):
+        for beta in inverse[point]:
+            start = shifts[point] + (1.0 / beta if beta != 0.0 else np.inf)
+            if not (0.0 <= power * start.imag <= MARGIN and start.imag >= 0.0 and abs(start) <= MARGIN * largest):
                 continue
             here, last = start, np.inf
-            for _ in range(30):
-                step, rounding = newton_step(here, p, c, power, rows, 4 if root > 0.0 else 1, gaps)
+            for turn in range(30):
+                step = newton_step(here, p, c, power, rows, 4 if root > 0.0 else 1, gaps)
                 length = abs(step)
                 # Near a double root f is rounding, and steps get no shorter, before they are too short to matter.
-                if rounding and length >= last:
+                if turn > 3 and length >= last:
                     break
                 here -= step
                 if length <= 4.0 * EPS * abs(here):

@@ -24,6 +24,7 @@ from fivcore.stability.exponents import BandModes
 
 # A search that needs more intervals than this has met a W that vanishes altogether; hundreds are usual.
 MOST_INTERVALS = 100_000
+NONE, ONE, SPLIT = 0, 1, 2
 # Where the path reaches |phi| = 2, which is where `sliding_modes` ends, phi = 2, and 0.
 TOP, ARC = 1.0 + 3.0**0.5, 1.0 + 3.0**0.5 + np.pi / 3.0
 LAST = ARC + 2.0
@@ -42,16 +43,6 @@ def axis_point(omega: float, d1: float, d2: float) -> tuple[float, float]:
     scale = 1.0 / ((1.0 + d2 * s) ** 2 + (d2 * c) ** 2)
     x = (c * c - s * (s + d1)) * (1.0 + d2 * s) - (2.0 * s + d1) * d2 * c * c
     return x * scale, c * (2.0 * s + d1 + d2 * (s * s + c * c)) * scale
-
-
-@kernel
-def nearest_pole(x: float, p: Array) -> int:
-    """Index of the pole nearest to x."""
-    best = 0
-    for i in range(1, len(p)):
-        if abs(p[i] - x) < abs(p[best] - x):
-            best = i
-    return best
 
 
 @kernel
@@ -92,10 +83,10 @@ def onset_friction(omega: float, n: int, p: Array, a: Array, b: Array, d1: float
 
 
 @kernel
-def _judge(
+def classify_interval(
     low: float, high: float, n: int, p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float
 ) -> int:
-    """0 if no onset lies in (low, high), 1 if exactly one zero of W does, 2 if the interval must be halved."""
+    """NONE if no onset lies in (low, high), ONE if exactly one zero of W does, else SPLIT: it must be halved."""
     middle, width = 0.5 * (low + high), high - low
     half = 0.5 * width
     x, y = axis_point(middle, d1, d2)
@@ -111,7 +102,7 @@ def _judge(
             continue
         clear = np.hypot(p[i] - x, y) - l1 * half
         if clear <= 0.0:
-            return 2
+            return SPLIT
         u = 1.0 / clear
         share = complex(abs(a[i]), abs(b[i])) * (shift * u * u)
         s2 += share
@@ -125,17 +116,17 @@ def _judge(
     size_a, size_b = np.hypot(ra.real, y * ra.imag), np.hypot(rb.real, y * rb.imag)
     product = ra.real * rb.real + y * y * ra.imag * rb.imag
     if size_a - aw1 * half > mu_max * (size_b + bw1 * half):
-        return 0
+        return NONE
     if product > (size_a * bw1 + size_b * aw1 + aw1 * bw1 * half) * half:
-        return 0
+        return NONE
     ar, br = abs(ra.real) + aw1 * half, abs(rb.real) + bw1 * half
     ai, bi = abs(ra.imag) + ai1 * half, abs(rb.imag) + bi1 * half
     curvature = i2.real * br + 2.0 * ai1 * bw1 + ai * w2.imag + w2.real * bi + 2.0 * aw1 * bi1 + ar * i2.imag
     bound = curvature * width * width
     w_low, w_high = onset_function(low, n, p, a, b, d1, d2), onset_function(high, n, p, a, b, d1, d2)
     if (w_low > 0.0) == (w_high > 0.0):
-        return 0 if min(abs(w_low), abs(w_high)) > 0.125 * bound else 2
-    return 1 if abs(w_high - w_low) > bound else 2
+        return NONE if min(abs(w_low), abs(w_high)) > 0.125 * bound else SPLIT
+    return ONE if abs(w_high - w_low) > bound else SPLIT
 
 
 @kernel
@@ -144,14 +135,14 @@ def isolate(p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float, b
     found, judged, low, width = 0, 0, 0.0, 1.0 / 64.0
     while low < LAST and judged < MOST_INTERVALS:
         high = min(low + width, 1.0 if low < 1.0 else TOP if low < TOP else ARC if low < ARC else LAST)
-        n = nearest_pole(axis_point(0.5 * (low + high), d1, d2)[0], p)
-        verdict = _judge(low, high, n, p, a, b, d1, d2, mu_max)
+        n = int(np.argmin(np.abs(p - axis_point(0.5 * (low + high), d1, d2)[0])))
+        verdict = classify_interval(low, high, n, p, a, b, d1, d2, mu_max)
         judged += 1
         # Two zeros this close count as one.
-        if verdict == 2 and high - low > 1e-13:
+        if verdict == SPLIT and high - low > 1e-13:
             width = 0.5 * (high - low)
             continue
-        if verdict != 0:
+        if verdict != NONE:
             w_low, w_high = onset_function(low, n, p, a, b, d1, d2), onset_function(high, n, p, a, b, d1, d2)
             if (w_low > 0.0) != (w_high > 0.0):
                 brackets[found, 0], brackets[found, 1], brackets[found, 2] = low, high, n
