@@ -23,7 +23,7 @@ from fivcore.jit import Array, kernel, reordered_call
 # Modes with p above FAR times the band's largest |lambda| are far, and BLOCKS of two replace them.
 FAR, BLOCKS = 16.0, 6
 # A node of the quadrature is at least this share of the largest; below, its mode is nothing but compliance.
-STATIC_NODE = 1e-12
+STATIC_NODE = 1e-15
 # Points at which responses are interpolated, in units of 2 pi fmax.
 CIRCLE = 1.5 * np.exp(1j * np.pi * (np.arange(16) + 0.5) / 16.0)[:, None]
 

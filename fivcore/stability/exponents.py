@@ -81,12 +81,13 @@ def band_modes(own: Structure, fmax: float, falling: bool = False) -> BandModes:
     omega = 2.0 * np.pi * fmax
     rayleigh = None if damped_by_mode(own, fmax) else (own.d1 / omega, own.d2 * omega)
     p, c, g = own.stiffness / omega**2, own.damping / omega, np.stack([own.normal, own.tangential]) / omega
+    # Static modes are compliance alone in any band.
+    further = np.maximum(1.0 / (STATIC_NODE * p[len(own.frequency) :]), 1.0)
+    p[len(own.frequency) :] *= further
+    g[:, len(own.frequency) :] *= np.sqrt(further)
     largest = 1.0
     if rayleigh:
-        # Static modes are damped as all others are, and compliance alone in any band.
-        further = np.maximum(1.0 / (STATIC_NODE * p[len(own.frequency) :]), 1.0)
-        p[len(own.frequency) :] *= further
-        g[:, len(own.frequency) :] *= np.sqrt(further)
+        # They are damped as all others are.
         c = rayleigh[0] + rayleigh[1] * p
         largest = max(1.0, float(np.hypot(1.0, rayleigh[0]) / np.hypot(1.0, rayleigh[1])))
     order = np.lexsort((c, p))

@@ -3,8 +3,8 @@
 V > 0: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and the load F only
 where friction falls with the speed (`fivcore.stability.falling`). Proportional damping maps the undamped
 eigenvalue lambda (`fivcore.stability.exponents`) to the pair phi with phi^2 + (d1 + d2 lambda) phi + lambda = 0,
-with static modes damped alike: their compliance is that at rest times 1 / (1 + d2 phi). Damping by mode leaves them
-undamped.
+with static modes damped alike: their compliance is that at rest times 1 / (1 + d2 phi). Damping by mode leaves
+them undamped.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ def modes_of(own, omega):
     """p, c, n, t of all modes in units of omega; static ones far beyond, and damped by d2 alone."""
     p, c, g = own.stiffness / omega**2, own.damping / omega, np.stack([own.normal, own.tangential]) / omega
     static = np.arange(len(p)) >= len(own.frequency)
-    far = np.where(static, np.maximum(1e12 / np.where(static, p, 1.0), 1.0), 1.0)
+    far = np.where(static, np.maximum(1e15 / np.where(static, p, 1.0), 1.0), 1.0)
     p, g = p * far, g * np.sqrt(far)
     return p, np.where(static, own.d2 * omega * p, c), *g
 
