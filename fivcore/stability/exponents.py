@@ -150,25 +150,35 @@ def pair(p: Any, c: Any) -> Complex:
 
 
 @kernel
+def clearest_shift(
+    m: float, k: float, p: Array, c: Array, power: float, n: Array, t: Array, unit: float
+) -> tuple[float, float, float, float]:
+    """The one of SHIFTS, in units of `unit`, where f is farthest from 0, and h_NN, h_NT and h_TT there."""
+    best, clearest = (0.0, 0.0, 0.0, 0.0), -1.0
+    for shift in SHIFTS:
+        z = unit * shift
+        soft = 1.0 / (p + z * (c + power * z))
+        A, B, C = np.sum(n * n * soft), np.sum(n * t * soft), np.sum(t * t * soft)
+        falling = k * z * (A * C - B * B)
+        clear = abs(A + m * B - falling) / (A + abs(m * B) + falling)
+        if clear > clearest:
+            best, clearest = (z, A, B, C), clear
+    return best
+
+
+@kernel
 def undamped_inverse(m: Array, p: Array, n: Array, t: Array, largest: float) -> tuple[Array, Array]:
-    """Matrices with the eigenvalues 1 / (lambda - shift), (points, k, k), and their shifts, for friction m."""
-    size, inverse, shifts = len(p), np.zeros((len(m), len(p), len(p))), np.empty(len(m))
+    """Matrices with the eigenvalues 1 / (lambda - shift), (points, size, size), and their shifts."""
+    size, inverse, shifts, c = len(p), np.zeros((len(m), len(p), len(p))), np.empty(len(m)), np.full(len(p), -1.0)
     for point in range(len(m)):
-        clearest, total = -1.0, 0.0
-        for shift in SHIFTS:
-            value, parts = 0.0, 0.0
-            for i in range(size):
-                term = n[i] * (n[i] + m[point] * t[i]) / (p[i] + largest * shift)
-                value, parts = value + term, parts + abs(term)
-            if abs(value) > clearest * parts:
-                clearest, total, shifts[point] = abs(value) / parts, value, largest * shift
+        shifts[point], A, B, _ = clearest_shift(m[point], 0.0, p, c, 0.0, n, t, -largest)
+        d = 1.0 / (p - shifts[point])
         for i in range(size):
-            d = 1.0 / (p[i] + shifts[point])
-            force = d * (n[i] + m[point] * t[i]) / total
+            force = d[i] * (n[i] + m[point] * t[i]) / (A + m[point] * B)
             for j in range(size):
-                inverse[point, i, j] = -force * n[j] / (p[j] + shifts[point])
-            inverse[point, i, i] += d
-    return inverse, -shifts
+                inverse[point, i, j] = -force * n[j] * d[j]
+            inverse[point, i, i] += d[i]
+    return inverse, shifts
 
 
 @kernel
@@ -181,42 +191,25 @@ def damped_inverse(m: Array, k: Array, p: Array, c: Array, n: Array, t: Array) -
 
     for given x and y: (q, v) = inverse (x, y).
     """
-    size, inverse, shifts, d = (
-        len(p),
-        np.zeros((len(m), 2 * len(p), 2 * len(p))),
-        np.empty(len(m)),
-        np.empty(len(p)),
-    )
+    size, inverse, shifts = len(p), np.zeros((len(m), 2 * len(p), 2 * len(p))), np.empty(len(m))
     for point in range(len(m)):
-        clearest, s, sums = -1.0, 0.0, (0.0, 0.0, 0.0)
-        for shift in SHIFTS:
-            A, B, C = 0.0, 0.0, 0.0
-            for i in range(size):
-                soft = 1.0 / (p[i] + shift * (c[i] + shift))
-                A, B, C = A + n[i] * n[i] * soft, B + n[i] * t[i] * soft, C + t[i] * t[i] * soft
-            falling = k[point] * shift * (A * C - B * B)
-            clear = abs(A + m[point] * B - falling) / (A + abs(m[point] * B) + falling)
-            if clear > clearest:
-                clearest, s, sums = clear, shift, (A, B, C)
-        shifts[point] = s
-        A, B, C = sums
-        # n q = 0 and T = k t v as equations for N and T, of which T is in units of 1 + k s C.
-        a11, a12, scale = A + m[point] * B, B, 1.0 + k[point] * s * C
+        s, A, B, C = clearest_shift(m[point], k[point], p, c, 1.0, n, t, 1.0)
+        shifts[point], d = s, 1.0 / (p + s * (c + s))
+        # The equations for N and T, that for T divided by 1 + k s C, which may be large.
+        scale = 1.0 + k[point] * s * C
+        a11, a12 = A + m[point] * B, B
         a21, a22 = k[point] * s * (B + m[point] * C) / scale, (k[point] * s * C - 1.0) / scale
         determinant = a11 * a22 - a12 * a21
-        for i in range(size):
-            d[i] = 1.0 / (p[i] + s * (c[i] + s))
         for j in range(2 * size):
-            i = j % size
-            share = -d[i] * (c[i] + s) if j < size else -d[i]
-            first = n[i] * share
-            second = k[point] * t[i] * (s * share + (1.0 if j < size else 0.0)) / scale
-            N = -(a22 * first - a12 * second) / determinant
-            T = -(a11 * second - a21 * first) / determinant
+            i, of_x = j % size, 1.0 if j < size else 0.0
+            share = -d[i] * (c[i] + s if j < size else 1.0)
+            first, second = n[i] * share, k[point] * t[i] * (s * share + of_x) / scale
+            N = (a12 * second - a22 * first) / determinant
+            T = (a21 * first - a11 * second) / determinant
             for row in range(size):
                 q = d[row] * (n[row] * N + t[row] * (m[point] * N + T)) + (share if row == i else 0.0)
                 inverse[point, row, j] = q
-                inverse[point, size + row, j] = s * q + (1.0 if row == j else 0.0)
+                inverse[point, size + row, j] = s * q + (of_x if row == i else 0.0)
     return inverse, shifts
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fivcore import Friction, Rig, Structure
+from fivcore import Friction, Rig, Structure, sliding_modes
 from fivcore.contact.compression import lanczos
 from fivcore.errors import InputError
 from fivcore.stability.exponents import band_modes, exponents
@@ -186,3 +186,20 @@ def test_slow_exponents_of_steep_friction(p, t, k):
     found = exponents(modes, np.array([0.4]), np.array([k]))[0] * modes.omega
     near = expected[(np.abs(expected) < 2.0 * modes.omega) & (expected.imag < modes.omega)]
     assert_same_set(found, near, 1e-12)
+
+
+@pytest.mark.parametrize("law", [Friction(), Friction(0.3, 1.0)])
+def test_shapes_of_gaps_that_no_mode_couples(law):
+    """Modes of the normal and of the tangential gap: forces move one or the other, and the normal gap is closed."""
+    given = {"load": [-1.0, -1.0, 0.0, 0.0], "d1": 0.1}
+    own = Structure.from_modes([1.0, 2.0, 1.5, 2.5], [1.0, 0.5, 0.0, 0.0], [0.0, 0.0, 1.0, 0.7], **given)
+    found = sliding_modes(own, 0.0, 0.4, 4.0, friction=law, V=0.2, F=3.0)
+    assert found.frequency.size == 3
+    for rate, frequency, q in zip(found.growth_rate, found.frequency, found.shape, strict=True):
+        phi = complex(rate, 2.0 * np.pi * frequency)
+        moved = (own.stiffness + phi * (own.damping + phi)) * q
+        forces = np.linalg.lstsq(np.stack([own.normal, own.tangential], axis=1), moved, rcond=None)[0]
+        left = moved - forces[0] * own.normal - forces[1] * own.tangential
+        assert np.abs(left).max() < 1e-12 * own.stiffness.max()
+        assert abs(own.normal @ q) < 1e-12
+        assert np.abs(q).max() == pytest.approx(1.0)
