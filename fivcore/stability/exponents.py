@@ -16,6 +16,7 @@ eigenproblem half as large.
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -35,6 +36,8 @@ NEAR, FEW, MARGIN = 9.0, 2, 1.02
 # Damping that is none; real shifts, of which that is used where f is farthest from 0; the longest way of a root by
 # Newton steps, as a share of it.
 FAINT, SHIFTS, FURTHEST = 1e-12, (1.3, 0.55, 2.4), 0.05
+# Size up to which LAPACK has one thread anyway, so that threads of a sweep need not wait for each other.
+ONE_THREAD = 64
 # Where friction falls: STIFF d2 2 pi fmax is at most 1, unless there are few modes. Points solved together.
 STIFF, CROWD = 5.0, 200
 BATCH = 256
@@ -213,7 +216,6 @@ def damped_inverse(m: Array, k: Array, p: Array, c: Array, n: Array, t: Array) -
     return inverse, shifts
 
 
-@one_blas_thread()
 def exponents(modes: BandModes, m: Array, k: Array) -> Complex:
     """All of the band, (points, any), with NaN: lambda where `rayleigh` is given, else phi with Im >= 0.
 
@@ -228,7 +230,8 @@ def exponents(modes: BandModes, m: Array, k: Array) -> Complex:
         else:
             inverse, shifts = damped_inverse(*points, p, c, n, t)
             form = modes.c, modes.residues, 1.0, TOP
-        values = np.linalg.eigvals(inverse).astype(complex)
+        with one_blas_thread() if inverse.shape[1] > ONE_THREAD else nullcontext():
+            values = np.linalg.eigvals(inverse).astype(complex)
         parts.append(polished(values, shifts, *points, modes.p, *form))
     if len(parts) == 1:
         return parts[0]

@@ -160,10 +160,10 @@ def sliding_modes(
     for angle, points in groups.items():
         own = structure_of(rig, angle)
         if not friction.constant:
-            for point, *law in zip(
-                points, *(each.ravel()[points].tolist() for each in (frictions, V, F)), strict=True
-            ):
-                m[point], k[point] = sliding_point(own, friction, *law)
+            given = [each.ravel()[points].tolist() for each in (frictions, V, F)]
+            m[points], k[points] = np.transpose(
+                [sliding_point(own, friction, *each) for each in zip(*given, strict=True)]
+            )
         modes = band_modes(own, band, not friction.constant)
         solved.append((points, modes, exponents(modes, m[points], k[points])))
     places = max((roots.shape[1] + len(modes.uncoupled) for _, modes, roots in solved), default=0)

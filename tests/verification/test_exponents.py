@@ -190,7 +190,7 @@ def test_slow_exponents_of_steep_friction(p, t, k):
 
 @pytest.mark.parametrize("law", [Friction(), Friction(0.3, 1.0)])
 def test_shapes_of_gaps_that_no_mode_couples(law):
-    """Modes of the normal and of the tangential gap: forces move one or the other, and the normal gap is closed."""
+    """Modes of one gap or of the other: what moves is what contact forces move, and the normal gap is closed."""
     given = {"load": [-1.0, -1.0, 0.0, 0.0], "d1": 0.1}
     own = Structure.from_modes([1.0, 2.0, 1.5, 2.5], [1.0, 0.5, 0.0, 0.0], [0.0, 0.0, 1.0, 0.7], **given)
     found = sliding_modes(own, 0.0, 0.4, 4.0, friction=law, V=0.2, F=3.0)
