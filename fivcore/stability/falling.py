@@ -67,6 +67,7 @@ def falling_crossings(
     def value_of(x: float) -> float:
         if name != "V":
             return x
+        x = np.sqrt(x) if squared and x > 0.0 else x
         return np.nan if not 0.0 < x < 1.0 else v_d * (1.0 / x - 1.0 if rational else -np.log(x))
 
     at(low)
@@ -76,7 +77,7 @@ def falling_crossings(
     if squared:
         m1, power = 0.0, 1.0
     path = FrictionPath(m0, m1, f, fall * own.preload * modes.omega, power)
-    return sampled_crossings(modes, path, low, high, value_of, at, squared, name)
+    return sampled_crossings(modes, path, low, high, value_of, at, name)
 
 
 @dataclass(frozen=True, eq=False)

@@ -133,7 +133,6 @@ def sampled_crossings(
     high: float,
     value_of: Callable[[float], float] = float,
     friction_at: Callable[[float], tuple[float, float]] = lambda value: (value, 0.0),
-    squared: bool = False,
     name: str = "mu",
 ) -> Array:
     """All places where exponents enter or leave the growing ones of the band, (k, 3), ascending.
@@ -144,7 +143,6 @@ def sampled_crossings(
     Parameters
     ----------
     path : FrictionPath
-        In x, or in x^2 if `squared`.
     value_of : callable
         Value of the parameter for x; it rises with x, but falls for the parameter V.
     friction_at : callable
@@ -161,11 +159,7 @@ def sampled_crossings(
         roots = np.roots(each / max(np.abs(each).max(), 1e-300))
         roots = roots[np.argsort(np.abs(roots.imag / np.where(roots == 0.0, 1.0, roots)))]
         others = roots[::-1] if len(roots) == 2 else 0.0 * roots
-        real = [np.sqrt(x.real) if squared and x.real > 0.0 else x.real for x in roots]
-        return [
-            (value_of(float(x)), complex(z), complex(other))
-            for x, z, other in zip(real, roots, others, strict=True)
-        ]
+        return [(value_of(float(z.real)), complex(z), complex(w)) for z, w in zip(roots, others, strict=True)]
 
     for share in STEPS:
         onsets: list[tuple[float, float, float]] = []
