@@ -22,10 +22,11 @@ from typing import Any, cast
 
 import numpy as np
 from scipy import linalg, sparse
+from scipy.sparse.csgraph import connected_components
 
 from fivcore import checks
 from fivcore.beams.elements import axial
-from fivcore.beams.modes import contact_modes, one_blas_thread, rig_bases
+from fivcore.beams.modes import contact_modes, one_blas_thread, residual_flexibility, rig_bases
 from fivcore.damping import SHARE, fitted, tied_modes, tied_ratios
 from fivcore.errors import DampingWarning, InputError
 from fivcore.finite_elements import DENSE, checked_matrix, free_rows, lowest_modes, static_modes
@@ -42,6 +43,11 @@ ROWS = ("normal", "tangential", "inertia", "output", "load")
 # Modes that move the gaps below the default cut-off of motion (the paper's rig: 115 kHz); a mode does if its share
 # of a gap's inverse mass is above PART of the mean up to it (`python -m tests.benchmarks constants`).
 MOTION_MODES, PART = 39, 1e-3
+# Least frequency of the contact, in units of that of the highest kept mode, with which these are enough: it is
+# root 3 of bending beams, 1 of rods; rigs of beams have 1.48 or more, solids 0.5 to 1.2 and twice as many modes.
+SLENDER = 2.0**0.5
+# As many as that where sliding grows above this share of the cut-off, where the contact's dashpot decides on it.
+FURTHER_MODES, REACH = 50, 0.7
 # Most modes in motion, whether they move the gaps or not.
 MOST_MODES = 400
 
@@ -70,6 +76,8 @@ class Structure(Structural, ReadOnlyArrays):
         Default cut-off of motion, Hz; None: the highest mode.
     wider : Structure or None
         The structure for motion, where that needs more modes than stability.
+    struck : ndarray, (n,), or None
+        `normal` of the bodies that the load acts on, which a knock moves; None: `normal`, of all that is computed.
     """
 
     stiffness: Array
@@ -84,6 +92,7 @@ class Structure(Structural, ReadOnlyArrays):
     remarks: tuple[str, ...] = ()
     cutoff: float | None = None
     wider: Structure | None = None
+    struck: Array | None = None
 
     @classmethod
     def of(cls, rig: Rig, theta: float) -> Structure:
@@ -210,6 +219,7 @@ class Structure(Structural, ReadOnlyArrays):
         contact = np.stack([rows["normal"], rows["tangential"], rows["load"]])
         band = None if fmax is None else checks.band(fmax)
         band = 10e3 if band is None and n > DENSE else band
+        struck = _of_loaded_bodies(M, K, rows["normal"], rows["load"])
         output_row, drive_row = rows.get("output", rows["tangential"]), rows.get("drive", np.zeros(len(name)))
 
         def up_to(top: float | None) -> Structure:
@@ -222,6 +232,8 @@ class Structure(Structural, ReadOnlyArrays):
             found = _modal(values, own, inertia, read, (d1, d2), ratio, compliance, vectors, name)
             text = f"stiffness: motions below {rigid:.2g} Hz, which is its rounding, count as rigid"
             found = replace(found, remarks=(*found.remarks, *remarks, *([text] if rigid else [])))
+            if not np.array_equal(struck, rows["normal"]):
+                found = replace(found, struck=np.pad(struck @ vectors, (0, found.static)))
             return found if C is None else _with_matrix(found, vectors.T @ (C @ vectors))
 
         return _for_motion(up_to(band), band, len(name), up_to)
@@ -238,6 +250,7 @@ class Structure(Structural, ReadOnlyArrays):
         """Digest of all numbers, and of the law of damping, by which stability is computed."""
         rows = [getattr(self, name) for name in ("stiffness", "damping", *ROWS)]
         content = np.stack(rows).tobytes() + np.array(self.rayleigh or (np.nan, np.nan)).tobytes()
+        content += b"" if self.struck is None else self.struck.tobytes()
         content += bytes([self.static]) + (b"" if self.cutoff is None else f"cutoff {self.cutoff!r}".encode())
         return sha256(content + (self.wider.digest.encode() if self.wider else b"")).hexdigest()
 
@@ -245,6 +258,7 @@ class Structure(Structural, ReadOnlyArrays):
         """All numbers as lists, from which `from_dict` makes an equal structure."""
         rows = {name: getattr(self, name).tolist() for name in ("stiffness", "damping", *ROWS)}
         own = {"rayleigh": self.rayleigh, "static": self.static, "remarks": list(self.remarks)}
+        own |= {"struck": None if self.struck is None else self.struck.tolist()}
         return rows | own | {"cutoff": self.cutoff, "wider": self.wider.to_dict() if self.wider else None}
 
     @classmethod
@@ -253,8 +267,9 @@ class Structure(Structural, ReadOnlyArrays):
         rows: dict[str, Any] = {name: np.array(content[name], float) for name in ("stiffness", "damping", *ROWS)}
         rayleigh = None if content["rayleigh"] is None else (content["rayleigh"][0], content["rayleigh"][1])
         found = cls(**rows, rayleigh=rayleigh, static=int(content["static"]), remarks=tuple(content["remarks"]))
-        wider = content.get("wider")
-        return replace(found, cutoff=content.get("cutoff"), wider=cls.from_dict(wider) if wider else None)
+        wider, struck = content.get("wider"), content.get("struck")
+        found = replace(found, cutoff=content.get("cutoff"), wider=cls.from_dict(wider) if wider else None)
+        return found if struck is None else replace(found, struck=np.array(struck, float))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Structure) and self.digest == other.digest
@@ -322,6 +337,7 @@ class Structure(Structural, ReadOnlyArrays):
         """Without the static compliance of the modes that are not computed."""
         kept = slice(len(self.frequency))
         rows = {name: getattr(self, name)[kept] for name in ("stiffness", "damping", *ROWS)}
+        rows |= {} if self.struck is None else {"struck": self.struck[kept]}
         return replace(self, **rows, static=0, wider=self.wider and self.wider.truncated())
 
     def mirrored(self) -> Structure:
@@ -333,6 +349,14 @@ class Structure(Structural, ReadOnlyArrays):
     def motion(self) -> Structure:
         """The structure with the modes that motion has."""
         return self.wider or self
+
+    @cached_property
+    def reaching(self) -> Structure:
+        """With a cut-off for motions that grow above `REACH` of the usual one, where more modes are known."""
+        if self.cutoff is None or self.wider:
+            return replace(self, cutoff=None) if self.wider and self.wider.static else self
+        m = len(self.frequency)
+        return replace(self, cutoff=_cutoffs(self, MOST_MODES if self.static else 2 * m // 3)[1] or self.cutoff)
 
     def receptances(self, frequency: Any, mu: float = 0.0) -> Any:
         """Gaps for a unit normal force with T = mu N at frequencies, Hz: h_NN + mu h_NT and h_TN + mu h_TT."""
@@ -407,6 +431,12 @@ def _over_dofs(name: str, value: Any, n: int) -> Array:
             raise InputError(f"{name}: degree of freedom {dof!r}: it must be from 0 to {n - 1}")
         row[dof] = checks.number(f"{name}: weight of {dof}", weight, "a finite number", lambda _: True)
     return row
+
+
+def _of_loaded_bodies(M: Any, K: Any, normal: Array, load: Array) -> Array:
+    """The row of the normal gap, (n,), without bodies that no matrix connects with what is loaded."""
+    label = connected_components(sum(sparse.csr_array(matrix != 0.0) for matrix in (M, K)), directed=False)[1]
+    return np.where(np.isin(label, label[load != 0.0]), normal, 0.0)
 
 
 def _ratios(value: Any, n: int) -> Array:
@@ -484,11 +514,14 @@ def _with_matrix(found: Structure, by_modes: Array) -> Structure:
     return replace(found, damping=found.damping + added, rayleigh=None, remarks=(*found.remarks, text))
 
 
-def motion_cutoff(own: Structure, most: int = MOST_MODES, number: int = MOTION_MODES) -> float | None:
+def motion_cutoff(own: Structure, most: int = MOST_MODES, number: int | None = None) -> float | None:
     """Frequency above `number` modes that move the gaps, and at most `most` in all, Hz, to three digits.
 
-    None: there are fewer. The same whatever modes follow.
+    By default `MOTION_MODES`, twice as many where the contact is not `SLENDER`. None: there are fewer. The same
+    whatever modes follow.
     """
+    if number is None:
+        return _cutoffs(own, most)[0]
     m = len(own.frequency)
     gaps = np.stack([own.normal[:m], own.tangential[:m]]) ** 2
     mean = np.cumsum(gaps, axis=1) / np.arange(1, m + 1)
@@ -497,26 +530,43 @@ def motion_cutoff(own: Structure, most: int = MOST_MODES, number: int = MOTION_M
     return float(f"{own.frequency[last : last + 2].mean():.3g}") if m > last + 1 else None
 
 
+def _cutoffs(own: Structure, most: int) -> tuple[float | None, float | None]:
+    """The usual cut-off of motion, and that where it grows near it, Hz."""
+    usual = motion_cutoff(own, most, MOTION_MODES)
+    if usual is None or _slender(own, usual):
+        return usual, motion_cutoff(own, most, FURTHER_MODES)
+    return motion_cutoff(own, most, 2 * MOTION_MODES), motion_cutoff(own, most, 2 * FURTHER_MODES)
+
+
+def _slender(own: Structure, cutoff: float) -> bool:
+    """Whether the kept modes' mass on the others' compliance oscillates `SLENDER` times as fast as they do."""
+    kept, shapes = own.stiffness < (2.0 * np.pi * cutoff) ** 2, np.stack([own.normal, own.tangential])
+    flexibility = residual_flexibility(own.stiffness[~kept], *shapes[:, ~kept])
+    least = SLENDER**2 * own.stiffness[kept].max(initial=0.0) * flexibility - shapes[:, kept] @ shapes[:, kept].T
+    return bool(np.linalg.eigvalsh(least)[0] <= 0.0)
+
+
 def _for_motion(own: Structure, band: float | None, n: int, up_to: Callable[[float], Structure]) -> Structure:
     """With the cut-off of motion, and the modes below it where `own`, up to `band`, does not have them.
 
-    The upper half of the `n` modes of a mesh is not that of the structure; a small model is what it is.
+    The upper third of the `n` modes of a mesh is that of no structure; a small model is what it is.
     """
     if band is None and n <= MOTION_MODES:
         return own
-    found, top, most = own, band or 0.0, min(max(n // 2, 2), MOST_MODES)
+    found, top, most = own, band or 0.0, min(max(2 * n // 3, 2), MOST_MODES)
     factor, before = 2.0, 0
-    while (cutoff := motion_cutoff(found, most)) is None and found.static:
+    while (cutoffs := _cutoffs(found, most))[1] is None and found.static:
         m = len(found.frequency)
         if before:
             # As the number of modes grows with frequency: of beams as its root, of a plate as it or its square.
             power = np.clip(np.log(m / before) / np.log(factor), 0.4, 3.0)
-            factor = float(np.clip((1.1 * MOTION_MODES / m) ** (1.0 / power), 1.25, 8.0))
+            factor = float(np.clip((1.1 * FURTHER_MODES / m) ** (1.0 / power), 1.25, 8.0))
         top, before = top * factor, m
         found = up_to(top)
-    if cutoff is None or found is own:
-        return replace(own, cutoff=cutoff)
-    return replace(own, wider=up_to(cutoff))
+    usual, further = cutoffs
+    if usual is None or found is own:
+        return replace(own, cutoff=usual)
+    return replace(own, cutoff=usual, wider=up_to(further or usual))
 
 
 def _held(stiffness: Array, normal: Array, vectors: Array | None, names: Any) -> None:
@@ -548,7 +598,9 @@ def of_beams(rig: Rig, theta: float) -> Structure:
     point_b[:n1] = np.maximum(1.0 - np.abs(distance), 0.0) @ upper.shapes[:, 0]
     load[:n1] = -upper.shapes[0, 1]
     damping = rig.d1 + rig.d2 * stiffness
-    return Structure(stiffness, damping, normal, tangential, inertia, point_b, load, (rig.d1, rig.d2))
+    struck = np.where(np.arange(len(normal)) < n1, normal, 0.0)
+    own = Structure(stiffness, damping, normal, tangential, inertia, point_b, load, (rig.d1, rig.d2))
+    return replace(own, struck=struck)
 
 
 def structure_of(rig: Structural, theta: float) -> Structure:

@@ -38,7 +38,7 @@ def read_matrix(path: str | Path, key: str | None = None) -> tuple[sparse.csr_ar
     MATRIX INPUT, which alone has labels. One triangle of a symmetric matrix is enough, except in `.mat`, `.npz`
     and RUA. An `InputError` says what is wrong with a file.
     """
-    with _reading(path):
+    with reading(path):
         file, labels = Path(path), None
         if (suffix := file.suffix.lower()) in (".mat", ".npz"):
             arrays = io.loadmat(file) if suffix == ".mat" else np.load(file, allow_pickle=False)
@@ -65,7 +65,7 @@ def read_modes(path: str | Path, rows: Mapping[str, Any] | None = None) -> dict[
     these are, as in {"normal": "node 12, x"}; its shapes are divided by the root of the modal mass where the file
     has one, and are brought from the units of its data set 164 to SI.
     """
-    with _reading(path):
+    with reading(path):
         if Path(path).suffix.lower() in (".uff", ".unv"):
             return _universal(Path(path), rows or {})
         head, *lines = Path(path).read_text("utf-8-sig").splitlines() or [""]
@@ -86,7 +86,7 @@ def structure_arguments(path: str | Path) -> tuple[str, dict[str, Any]]:
     node and a direction for each row. In place of matrices, `modes` is a file for `read_modes`, or each table
     [[mode]] is a mode.
     """
-    with _reading(path):
+    with reading(path):
         content, folder = tomllib.loads(Path(path).read_text("utf-8")), Path(path).parent
         rows = {name: content[name] for name in ROWS if name in content}
         if "mode" in content:
@@ -106,7 +106,7 @@ def structure_arguments(path: str | Path) -> tuple[str, dict[str, Any]]:
 
 
 @contextmanager
-def _reading(where: object) -> Iterator[None]:
+def reading(where: object) -> Iterator[None]:
     """Make of every error an `InputError` that begins with `where`."""
     try:
         yield
@@ -216,14 +216,18 @@ def _has_size_line(table: Array, lines: list[str]) -> bool:
     raise InputError(f"{text}, but {len(entries)} follow, or an entry; begin with a banner of Matrix Market")
 
 
-def _universal(path: Path, rows: Mapping[str, Any]) -> dict[str, Any]:
+def universal_file(path: Path) -> tuple[Any, Any]:
+    """A universal file, opened by pyuff, and the types of its data sets."""
     try:
         import pyuff
     except ImportError:
         raise InputError('a universal file needs pyuff: pip install "fiv[uff]"') from None
     path.open("rb").close()
-    file = pyuff.UFF(str(path))
-    kinds = file.get_set_types()
+    return (file := pyuff.UFF(str(path))), file.get_set_types()
+
+
+def _universal(path: Path, rows: Mapping[str, Any]) -> dict[str, Any]:
+    file, kinds = universal_file(path)
     sets = [file.read_sets(int(place)) for place in np.flatnonzero(np.isin(kinds, (55, 2414)))]
     modes = [mode for each in sets if (mode := _universal_mode(each)) is not None]
     if len({(tuple(mode[0]), mode[1].shape) for mode in modes}) != 1:
@@ -272,7 +276,7 @@ def _weights(rows: Mapping[str, Any], labels: Any, size: int, folder: Path) -> d
     names = {name: i for i, name in enumerate(_names(labels))}
     found: dict[str, dict[int, float]] = {name: {} for name in rows}
     for name, value in rows.items():
-        with _reading(f"{name} = {checks.short(value)}"):
+        with reading(f"{name} = {checks.short(value)}"):
             if isinstance(value, str) and not value.startswith("node "):
                 value = dict(enumerate(np.loadtxt(_file(folder, value), ndmin=1)))
                 if len(value) != size:
@@ -292,7 +296,7 @@ def _matrices(content: Mapping[str, Any], rows: Mapping[str, Any], folder: Path)
     found, own = dict[str, Any](), dict[str, Any]()
     labels: Any = ()
     for name in [name for name in MATRICES if name in content]:
-        with _reading(name):
+        with reading(name):
             entry = content[name] if isinstance(content[name], dict) else {"file": content[name]}
             _check_names(entry, ("file", "key"), ("file",))
             found[name], own[name] = read_matrix(_file(folder, entry["file"]), entry.get("key"))

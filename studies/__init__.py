@@ -10,6 +10,7 @@ from __future__ import annotations
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from contextlib import AbstractContextManager
     from pathlib import Path
     from typing import Any
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from studies.study import Study
     from sweeps import Plan, Progress
 
-__all__ = ["map", "open", "run"]  # two shadow built-ins, in this module only
+__all__ = ["fit", "map", "measure", "open", "run"]  # two shadow built-ins, in this module only
 
 
 def run(
@@ -102,15 +103,84 @@ def map(
     return _executed(one, planned, *how)
 
 
-def _executed(study: Study, planned: Plan, scheduler: Any, workers: Any, progress: Any) -> xr.Dataset:
-    from contextlib import nullcontext
+def fit(
+    problem: str | Path | Mapping[str, Any],
+    *,
+    samples: int | None = None,
+    rounds: int | None = None,
+    seed: int | None = None,
+    out: str | Path | None = None,
+    fresh: bool = False,
+    scheduler: Any = None,
+    workers: int | None = None,
+    progress: bool | Progress | None = None,
+) -> xr.Dataset:
+    """Find the parameters that give what was observed, store weighted draws with a figure, and return the dataset.
 
-    from studies import runner
-    from studies.cli.progress import bar
+    `problem` is the path of a TOML file as `fiv fit --help` describes it, or a dict like its content. There are
+    `rounds` rounds of `samples` draws each, by default 4 of 128; other options and errors are those of `run`. The
+    dataset has along `draw` each unknown, the `round`, the `weight` and the prediction of each target.
+    """
+    from studies import registry, runner
+    from studies.fitting import presentation
+    from studies.fitting import rounds as fitting
+    from studies.fitting.problem import read
     from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
-    with bar(planned.todo) if progress is True else nullcontext(progress or None) as callback:
+    one = read(problem, registry.resolve, samples=samples, rounds=rounds, seed=seed)
+    file, how = fitting.file_of(one, out), runner.backend(scheduler, workers)
+
+    def execute(planned: Plan) -> xr.Dataset:
+        with _callback(planned, progress) as callback:
+            return planned.run(*how, callback)
+
+    dataset = fitting.run(one, file, execute, fresh=fresh)
+    runner.plot(presentation.study(dataset), dataset, file)
+    return dataset
+
+
+def _executed(study: Study, planned: Plan, scheduler: Any, workers: Any, progress: Any) -> xr.Dataset:
+    from studies import runner
+    from studies.query import accessor  # noqa: F401 - with the accessor .fiv
+
+    with _callback(planned, progress) as callback:
         return runner.execute(study, planned, *runner.backend(scheduler, workers), callback).dataset
+
+
+def _callback(planned: Plan, progress: Any) -> AbstractContextManager[Progress | None]:
+    from contextlib import nullcontext
+
+    from studies.cli.progress import bar
+
+    return bar(planned.todo) if progress is True else nullcontext(progress or None)
+
+
+def measure(
+    path: str | Path,
+    *,
+    unit: str | None = None,
+    rate: float | str | None = None,
+    channel: int | str | None = None,
+    band: tuple[float, float] = (200.0, 10e3),
+    start: float = 0.0,
+) -> dict[str, Any]:
+    """Look at one measured signal as at the velocity of B of a run; nothing is integrated.
+
+    The file is CSV or other text, WAV, a universal file with data sets 58, or MATLAB up to v7. `unit` is that of
+    its numbers, or with a number what 1 in it is, "50mm/s"; `rate` is in Hz or "50kHz"; `channel` is a name or a
+    number, from 1. The dominant frequency is in the `band`, Hz; what is before `start`, s, is left out.
+
+    The names are those of a `Transient.summary`, `dominant_frequency`, `periodicity`, `velocity_rms` and its `_se`
+    (`signal_rms` where the unit is none of speed), but in the signal's own `unit`. A signal does not know the
+    contact: in place of long sticks it has quiet spells (`studies.measured.signal`), with `quiet_fraction`,
+    `quiet_times`, `quiet_starts`, s, and `quiet_frequency`, Hz. `line_frequencies` outside of them are in Hz,
+    `line_levels` in dB below the strongest. Above 5 samples in a period of the band's end the signal is decimated,
+    to `analysed_rate`. A standard error is NaN where the signal is shorter than 16 cycles of spell and burst, that
+    of `mean_quiet_time` with fewer than 12 spells. An `InputError` says what is wrong with a file or missing.
+    """
+    from studies.measured import files, signal
+
+    return signal.statistics(files.read(path, unit, rate, channel), band, start)
 
 
 def open(name: str | Path, out: str | Path | None = None) -> xr.Dataset:

@@ -41,7 +41,7 @@ ROUNDING = 1e-9
 def tolerance(name: str) -> tuple[float, float] | None:
     """Absolute and relative tolerance of a chaotic variable; None where it has none."""
     # The spread of four runs is as uncertain as it is large, and so is a standard error.
-    if name.startswith("member_") or name.endswith(("_std", "_se")):
+    if name.startswith(("member_", "motion_")) or name.endswith(("_std", "_se")):
         return None
     return next((limits for part, limits in TOLERANCE.items() if part in name), None)
 

@@ -20,8 +20,8 @@ from sweeps import InputError, MissingFileError
 if TYPE_CHECKING:
     import xarray as xr
 
-# The repository's own outcomes and maps, in the results folder.
-REFERENCE, MAPS = "reference", "map"
+# The repository's own outcomes, maps and fits, in the results folder.
+REFERENCE, MAPS, FITS = "reference", "map", "fit"
 # Dimensions of points that vary together: draws, and rows of a table.
 PATHS = ("sample", "row")
 
@@ -80,19 +80,21 @@ def is_reference(file: Path) -> bool:
 
 
 def results_file(name: str | Path, out: str | Path | None = None) -> Path:
-    """The netCDF file of a study or map by name or path; that of the reference if the folder lacks it."""
+    """The netCDF file of a study, map or fit by name or path; that of the reference if the folder lacks it."""
     text = os.fspath(name)
     if is_path(text):
         return expanded(text)
-    places = [file_of(text, out), results_folder(out) / MAPS / f"{text}.nc", file_of(text, reference_folder(out))]
+    own = results_folder(out) / MAPS / f"{text}.nc", file_of(text, results_folder(out) / FITS)
+    places = [file_of(text, out), *own, file_of(text, reference_folder(out))]
     return next((file for file in places if sweeps.Store(file).exists()), places[0])
 
 
 def stored(out: str | Path | None = None) -> list[Path]:
-    """Every result of a folder: studies by name, then maps; without the reference."""
+    """Every result of a folder: studies and fits by name, then maps; without the reference."""
     folder = results_folder(out)
-    parts = {path.with_name(f"{path.name.partition('.nc.')[0]}.nc") for path in folder.glob("*/*.nc.*parts")}
-    files = {*folder.glob("*/*.nc"), *parts}
+    found = [path for place in ("*", f"{FITS}/*") for path in folder.glob(f"{place}/*.nc*")]
+    parts = {p.with_name(f"{p.name.partition('.nc.')[0]}.nc") for p in found if p.name.endswith("parts")}
+    files = {*(path for path in found if path.suffix == ".nc"), *parts}
     return sorted(
         (file for file in files if not file.name.startswith(".")), key=lambda f: (f.parent.name == MAPS, f)
     )
@@ -117,7 +119,7 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
             f"no result {text!r} in {results_folder(out)}, which has {names}; compute it with studies.run"
         ) from None
     owner = dataset.attrs.get("sweep")
-    if not is_path(text) and owner != file.stem and file.parent.name != MAPS:
+    if not (is_path(text) or owner in (file.stem, f"{FITS}_{file.stem}") or file.parent.name == MAPS):
         raise InputError(f"{file}: it holds the results of {owner}, not of {file.stem}")
     return settled(dataset)
 
@@ -161,6 +163,11 @@ def _fixed(dataset: xr.Dataset) -> dict[str, Any]:
     """Value, units and long name of each fixed parameter."""
     fixed: dict[str, Any] = configuration(dataset).get("request", {}).get("fixed", {})
     return fixed
+
+
+def is_fit(dataset: xr.Dataset) -> bool:
+    """Whether a result is that of a fit (`studies.fitting`)."""
+    return set(configuration(dataset).get("constants", {})) >= {"unknown", "targets"}
 
 
 def structure_in(dataset: xr.Dataset) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from fivcore.errors import FIXED, fixed_contact
 from studies import reference, registry
 from studies.parameters import unusual, warn_unusual
 from studies.request import Request
-from studies.results import file_of, is_own, open_dataset, reference_folder, results_folder
+from studies.results import file_of, is_fit, is_own, open_dataset, reference_folder, results_folder
 from studies.spec import typed
 from sweeps import InputError, check_backend
 
@@ -83,7 +83,7 @@ def plan(
     one = registry.resolve(study) if file is None else study
     assert not isinstance(one, str)
     file = file or file_of(one.name, out)
-    if is_own(results_folder(out)):
+    if is_own(results_folder(out)) or is_own(results_folder(out).parent):
         raise InputError(f"{results_folder(out)}: runs only read the reference; choose another folder (out=...)")
     values = request.values_of(one)
     sweep = one.sweep(values, **request.points_of(one))
@@ -155,6 +155,10 @@ def study_of(dataset: xr.Dataset, whose: str = "dataset") -> Study:
     name = str(dataset.attrs.get("sweep", ""))
     if not name or "status" not in dataset:
         raise InputError(f"{whose}: it is not the result of a study; give the file of one")
+    if is_fit(dataset):
+        from studies.fitting import presentation
+
+        return presentation.study(dataset)
     try:
         return registry.load(name)
     except InputError:

@@ -52,6 +52,7 @@ def frame(dataset: xr.Dataset, names: Sequence[str], along: str | Sequence[str] 
 def parts(study: Study, dataset: xr.Dataset) -> Iterator[Any]:
     """The whole summary of a result: what is fixed, the study's own parts, the paper's claims, failed points."""
     yield fixed_text(study, dataset)
+    yield from (f"Of the structure: {remark}." for remark in structure_in(dataset).get("remarks", ()))
     if pending := int((dataset["status"] == PENDING).sum()):
         yield f"{pending} of {dataset['status'].size} points are not computed yet; this is of the others."
     shown = study.presented(dataset) if study.summary is not None else None

@@ -22,12 +22,17 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-FORMS = "normal:MEAN:SD | uniform:LOW:HIGH | lognormal:MEDIAN:SIGMA | triangular:LOW:MODE:HIGH"
+FORMS = (
+    "normal:MEAN:SD | uniform:LOW:HIGH | lognormal:MEDIAN:SIGMA | triangular:LOW:MODE:HIGH | loguniform:LOW:HIGH"
+)
 KINDS = {form.split(":")[0]: tuple(form.split(":")[1:]) for form in FORMS.split(" | ")}
 SCIPYS = "NAME:SHAPES:LOC:SCALE of scipy.stats"
+# Numbers of a structure of one's own that a fit may find.
+OF_STRUCTURES = ("damping_ratio", "mass_scale", "stiffness_scale", "frequency")
 # What a parameter can be at all; outside a distribution is truncated. The ends of theta are excluded.
 PHYSICAL = dict.fromkeys(
-    (*RIG, "mu", "F", "decay_speed", "ramp", "min_duration", "max_duration", "cutoff"), (0.0, math.inf)
+    (*RIG, "mu", "F", "decay_speed", "ramp", "min_duration", "max_duration", "cutoff", *OF_STRUCTURES),
+    (0.0, math.inf),
 ) | {
     "theta": (math.nextafter(-90.0, 0.0), math.nextafter(90.0, 0.0)),
     **dict.fromkeys(("point_b", "kinetic_ratio"), (0.0, 1.0)),
@@ -75,6 +80,11 @@ class Distribution:
         """The standard deviation before truncation."""
         return float(self.whole.std())
 
+    def cdf(self, values: Any) -> Array:
+        """Probabilities of values up to these."""
+        begin, end = self.whole.cdf(self.low), self.whole.cdf(self.high)
+        return np.asarray(np.clip((self.whole.cdf(values) - begin) / (end - begin), 0.0, 1.0))
+
     def ppf(self, probability: Any) -> Array:
         """Quantiles."""
         begin, end = self.whole.cdf(self.low), self.whole.cdf(self.high)
@@ -110,6 +120,9 @@ def text_of(given: Any, name: str) -> str:
         ways = "norm(0.2, 0.02), or a text such as normal:0.2:0.02"
         raise InputError(f"{name} = {given!r}: it must be a frozen distribution of scipy.stats, {ways}") from None
     own = {"norm": ("normal", parts), "uniform": ("uniform", [parts[0], typed(sum(map(float, parts)))])}
+    if kind == "loguniform":
+        *ends, loc, scale = map(float, parts)
+        own[kind] = ("reciprocal", parts) if loc else (kind, [typed(end * scale) for end in ends])
     kind, parts = own.get(kind, (kind, parts))
     return ":".join([kind, *parts])
 
@@ -162,6 +175,10 @@ def _frozen(kind: str, *numbers: float) -> Any:
         raise InputError(f"LOW = {first:g} must be below HIGH = {last:g}, and HIGH - LOW at most 1.8e308")
     if kind == "uniform":
         return scipy.stats.uniform(first, last - first)
+    if kind == "loguniform":
+        if not first > 0.0:
+            raise InputError(f"LOW must be above 0, not {first:g}")
+        return scipy.stats.loguniform(first, last)
     if not first <= numbers[1] <= last:
         raise InputError(f"MODE must be from LOW = {first:g} to HIGH = {last:g}, not {numbers[1]:g}")
     return scipy.stats.triang((numbers[1] - first) / (last - first), first, last - first)

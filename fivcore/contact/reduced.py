@@ -7,8 +7,8 @@ surfaces (`fivcore.contact.law`):
 - K is the inverse of their static flexibility (MacNeal, Computers & Structures 1, 1971; Rubin, AIAA Journal 13,
   1975), cross terms included: sliding stability and all quasi-static motion stay those of all modes.
 - C = tau K. Modes above the cut-off take energy from those below it and lose it by damping or to modes higher
-  still. tau gives the fastest oscillation of the kept modes' mass on K the damping ratio DAMPING, and is at least
-  d2, the dropped modes' own material damping.
+  still. tau gives the fastest oscillation of the kept modes' mass on K the damping ratio DAMPING, of solids less
+  (`ReducedModel.beam_share`), and is at least d2, the dropped modes' own material damping.
 
 Where every mode is kept, the surfaces touch rigidly.
 """
@@ -28,7 +28,7 @@ from fivcore.contact.law import painleve_mu, ratio, resistance, slide, steepest_
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig, Structural
-from fivcore.structure import structure_of
+from fivcore.structure import SLENDER, structure_of
 
 MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "point_b", "load")
 # Default step of `fast` in units of the contact's own time 1 / omega (with 1.75 the paper's rig balances its
@@ -143,10 +143,19 @@ class ReducedModel(ReadOnlyArrays):
         return float(np.sqrt(np.linalg.eigvals(self.K @ self.W).real.max()))
 
     @property
+    def beam_share(self) -> float:
+        """The contact's frequency over `SLENDER` times that of the highest kept mode; 1 at most, as of beams.
+
+        Where it is less, as of solids, most of the contact's compliance belongs to modes far above the cut-off:
+        they yield, but hardly take energy from those below, and the highest kept mode decides the step.
+        """
+        return min(self.contact_frequency / (SLENDER * float(np.sqrt(self.stiffness.max()))), 1.0)
+
+    @property
     def default_step(self) -> float:
         """Step of `fast`, s: a whole part of `INTERVAL`, and where it is longer rounded down to two digits."""
         omega, damping = self.contact_frequency, float(self.damping.max())
-        share = STEP if self.C.any() else ELASTIC_STEP
+        share = self.beam_share * (STEP if self.C.any() else ELASTIC_STEP)
         most = share / omega if omega else self.rigid_step / float(np.sqrt(self.stiffness.max()))
         # The law takes the mean of a velocity over an impulse, so a mode may not lose more than e^-2 of it.
         most = min(most, 2.0 / damping) if damping > 0.0 else most
@@ -236,12 +245,16 @@ def reduced_model(rig: Structural, theta: float, cutoff: float | None = None) ->
     # number is usually about 3; of a flexibility at 1e8 the inverse has half its digits.
     complete = (~kept).sum() <= 2 and not own.static
     if complete or kept.all() or np.linalg.cond(flexibility) > 1e8:
+        moves = np.arange(len(full.stiffness)) < modes
+        if not moves.all():
+            full = replace(full, kept=moves, **{name: getattr(full, name)[moves] for name in MODAL})
         resistance(full.W)
         return full
     modal, K = {name: getattr(full, name)[kept] for name in MODAL}, np.asarray(np.linalg.inv(flexibility))
     gap = 0.0 if full.stiffness.min() == 0.0 else float(np.sum((full.normal * full.load / full.stiffness)[~kept]))
     model = replace(full, **modal, kept=kept, K=K, gap=gap)
-    return replace(model, C=max(2.0 * DAMPING / model.contact_frequency, rig.d2) * K)
+    ratio = DAMPING * model.beam_share**4
+    return replace(model, C=max(2.0 * ratio / model.contact_frequency, rig.d2) * K)
 
 
 # A change of a reduced model, for ablations.

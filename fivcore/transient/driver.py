@@ -20,7 +20,7 @@ from fivcore.rig import Rig, Scene, html_table
 from fivcore.transient.exact_run import exact_run
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.normalised import Normalised, State, energies
-from fivcore.transient.observe import Observer, Record
+from fivcore.transient.observe import BAND, Observer, Record
 from fivcore.transient.options import Options
 from fivcore.transient.published import PaperRun
 from fivcore.transient.summary import summarise
@@ -85,7 +85,9 @@ class Job:
         self.run = resumed.again(options) if resumed else METHODS[options.method](normalised, options)
         # The result does not keep the run that it continues, which would keep the one before.
         self.run.options = replace(options, resumed=None)
-        self._observer = Observer(self.run.rate, scene.rig.time_unit)
+        low, high = BAND
+        unit = scene.rig.time_unit
+        self._observer = Observer(self.run.rate, (low / unit, high / unit))
         rate = options.rows(self.run.step)[1]
         before = resumed.last_row if resumed else None
         if before is not None:

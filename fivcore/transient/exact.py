@@ -38,7 +38,6 @@ from fivcore.contact.law import resistance
 from fivcore.contact.reduced import ReducedModel, default_cutoff, modified, reduced_model
 from fivcore.errors import ContactError, DivergenceError, SceneValueError, not_unique
 from fivcore.jit import Array, Complex
-from fivcore.rig import Rig
 from fivcore.transient.exact_kernels import ONE, Q_R, SCENE, V_R, A, P, S, observe, search, waves_at
 from fivcore.transient.normalised import Normalised, energies, residual_gaps, slip_distance
 from fivcore.transient.options import Options
@@ -66,7 +65,7 @@ class ExactRun(SteppedRun):
     Raises
     ------
     SceneValueError
-        Where the contact has no dashpot, or is rigid and its directions are parallel.
+        Where a contact with a spring has no dashpot, or is rigid and its directions are parallel.
     ContactError
         Where the contact force is not unique, or slip grows too fast to be resolved.
     """
@@ -75,8 +74,7 @@ class ExactRun(SteppedRun):
 
     def __init__(self, scene: Normalised, options: Options) -> None:
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
-        # Of the paper's rig all modes at once would be hundreds.
-        self.model, self.rigid = model, not model.K.any() and not isinstance(scene.rig, Rig)
+        self.model, self.rigid = model, not model.K.any()
         if not (self.rigid or model.C.any()):
             cutoff = default_cutoff(scene.rig) if options.cutoff is None else options.cutoff
             raise SceneValueError(

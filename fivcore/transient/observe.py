@@ -38,7 +38,7 @@ from scipy.special import ndtr, stdtrit
 
 from fivcore.jit import Array, Complex, kernel
 from fivcore.transient.normalised import Normalised
-from fivcore.transient.statistics import SERIES, SETTLING
+from fivcore.transient.statistics import SAMPLE, SERIES, SETTLING
 
 # Windows of the spectra, and the band of their peaks, Hz.
 WINDOW, HOP = 1024, 512
@@ -164,8 +164,8 @@ class Power:
 class Welch:
     """Power spectrum of parts of a signal; relative, not calibrated."""
 
-    def __init__(self, rate: float, unit: float = 1.0) -> None:
-        self._band = BAND[0] / unit, BAND[1] / unit
+    def __init__(self, rate: float, band: tuple[float, float] = BAND) -> None:
+        self._band = band
         self.frequency = np.fft.rfftfreq(WINDOW, 1.0 / rate)
         self._power = Power(WINDOW, WINDOWS)
         self.power = self._power.sum
@@ -199,9 +199,9 @@ def peak_of(frequency: NDArray[Any], power: NDArray[Any], band: tuple[float, flo
 class Correlation:
     """Autocorrelation up to a sixth of a second, and spectrum, of the whole signal."""
 
-    def __init__(self, rate: float, unit: float = 1.0) -> None:
+    def __init__(self, rate: float, band: tuple[float, float] = BAND) -> None:
         self._frequency = np.fft.rfftfreq(PADDED, 1.0 / rate)
-        self._band = BAND[0] / unit, BAND[1] / unit
+        self._band = band
         self._power = Power(PADDED, LONG_WINDOWS)
         # Number of windows of each length.
         self._windows: Counter[int] = Counter()
@@ -377,14 +377,14 @@ def _gather(samples: Array, velocities: Array, speeds: Array, forces: Array, par
 class Observer:
     """Statistics of a run after settling, from samples at `rate`, Hz.
 
-    `unit` is that of the run's times (`Structural.time_unit`). Of the velocity of B: spectra outside (`moving`)
+    Peaks of spectra are sought within the `band`, Hz. Of the velocity of B: spectra outside (`moving`)
     and within long sticks (`stuck`), autocorrelation and RMS; of N (`forces`) and |slip rate| (`speeds`):
     quantiles; means over blocks. Blocks of LONG_BLOCK samples are counted from the start of the run, those of
     BLOCK samples from the start of the statistics.
     """
 
-    def __init__(self, rate: float, unit: float = 1.0) -> None:
-        self.rate, self._unit = rate, unit
+    def __init__(self, rate: float, band: tuple[float, float] = BAND) -> None:
+        self.rate, self._band = rate, band
         # Times and velocities whose spectra have not been taken; number of all samples since the start of the run.
         self._buffer, self._columns, self._seen = np.empty((2, 2 * LONG_BLOCK)), np.empty((2, 0)), 0
         self._reset(0.0)
@@ -392,8 +392,8 @@ class Observer:
     def _reset(self, settled_from: float) -> None:
         self._settled_from = settled_from
         self.moving, self.stuck, self.correlation = (
-            *(Welch(self.rate, self._unit) for _ in range(2)),
-            Correlation(self.rate, self._unit),
+            *(Welch(self.rate, self._band) for _ in range(2)),
+            Correlation(self.rate, self._band),
         )
         self.speeds, self.forces = Largest(), Largest()
         # Start and counters of all blocks that have begun; columns from VELOCITY on of those that are complete.
@@ -425,6 +425,11 @@ class Observer:
         self._waiting = end
         self.speeds.add(speed)
         self.forces.add(force)
+
+    def periodicity(self, frequency: float) -> float:
+        """Autocorrelation after 20 periods of a frequency, Hz: the largest within half a period of there."""
+        period = self.rate / frequency
+        return self.correlation.near(20.0 * period, 0.5 * period)
 
     def repeat(self, t: float, sample: Array, count: int) -> None:
         """Take `count` samples more like the last one, at `t`, outside of long sticks; they end the run."""
@@ -503,6 +508,23 @@ class Observer:
         variance = np.r_[blocks[:, VARIANCE], squares / max(number, 1.0) - about**2, 0.0]
         whole = np.average(mean, weights=count)
         return float(np.sqrt(max(np.average(variance + (mean - whole) ** 2, weights=count), 0.0)))
+
+
+def observed(signal: Array, rate: float, quiet: Array, band: tuple[float, float] = BAND) -> Observer:
+    """Observe one signal (n,) at `rate`, Hz, in place of a velocity of B.
+
+    `quiet` (k, 2), s from its start, are spells in place of long sticks. All of the observer that is not of the
+    velocity of B is zero.
+    """
+    observer, t = Observer(rate, band), np.arange(len(signal)) / rate
+    for first in range(0, len(signal), LONG_BLOCK):
+        part = slice(first, first + LONG_BLOCK)
+        samples = np.zeros((len(t[part]), SAMPLE))
+        samples[:, 0] = signal[part]
+        observer.add(t[part], samples, 0.0)
+        observer.process(quiet, np.inf)
+    observer.close(quiet)
+    return observer
 
 
 def errors_of_means(values: Array, degrees: int) -> Array:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from fivcore import checks
-from fivcore.contact.reduced import INTERVAL, Modify
+from fivcore.contact.reduced import INTERVAL, Modify, ReducedModel, modified, reduced_model
 from fivcore.errors import InputError
 from fivcore.jit import Array
 from fivcore.rig import Rig, Scene
@@ -199,12 +199,24 @@ def _names(record: Any) -> tuple[str, ...]:
 
 
 def _continued(initial: Any, normalised: Normalised, options: dict[str, Any]) -> Any:
-    """Return the run that ended in `initial` if it had the same scene, method and model, else None."""
+    """Return the run that ended in `initial` if it had the same scene, method and model, else None.
+
+    Functions that modify a model are the same if the models that they make now are equal to those of the run.
+    """
     scene, run = getattr(initial, "origin", None) or (None, None)
-    model = ("method", "numerical_damping", "cutoff", "step", "modify", "beta2")
-    if scene != normalised or run is None:
+    names, modify = ("method", "numerical_damping", "cutoff", "step", "beta2"), options["modify"]
+    if scene != normalised or run is None or any(getattr(run.options, name) != options[name] for name in names):
         return None
-    return run if all(getattr(run.options, name) == options[name] for name in model) else None
+    if modify is run.options.modify is None:
+        return run
+    rig, theta = run.scene.rig, run.scene.theta
+    models = [(modified(reduced_model(rig, theta, cutoff), modify), model) for cutoff, model in run.models]
+    same = all(
+        np.array_equal(getattr(one, each.name), getattr(other, each.name))
+        for one, other in models
+        for each in fields(ReducedModel)
+    )
+    return run if same else None
 
 
 def _times(sample_times: Any, names: tuple[str, ...], start: float, duration: float) -> Array:

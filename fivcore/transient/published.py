@@ -75,6 +75,15 @@ def default_step(rig: Structural) -> float:
     )
 
 
+def relaxation_time(rig: Structural, step: float) -> float:
+    """Time in which T relaxes, s: the paper's; of a structure, as many steps, so that it goes to zero with them.
+
+    After an impact with the normal impulse P in one step, T is r / (1 + r)^k mu P / dt in the steps k = 1, 2, ...:
+    while the contact lasts and slips, their sum is mu P, the tangential impulse of `fivcore.contact.law`.
+    """
+    return TAU if isinstance(rig, Rig) else TAU / STEP * step
+
+
 def largest_step(stiffness: Array, damping: Array, beta2: float) -> float:
     """Largest stable step of the scheme, s, that of the fastest mode.
 
@@ -93,8 +102,7 @@ class PaperRun(SteppedRun):
     def __init__(self, scene: Normalised, options: Options) -> None:
         rig = scene.rig if isinstance(scene.rig, Rig) else structure_of(scene.rig, 0.0).truncated()
         self.model = model = full_model(rig, scene.theta)
-        usual = default_step(scene.rig)
-        dt = usual if options.step is None else options.step
+        dt = default_step(scene.rig) if options.step is None else options.step
         self._b = b = BETA2 if options.beta2 is None else options.beta2
         limit = largest_step(model.stiffness, model.damping, b)
         if dt > limit:
@@ -102,7 +110,8 @@ class PaperRun(SteppedRun):
                 f"step = {dt:g}: with these modes the published scheme needs at most {at_most(limit)} s; else"
                 " its fastest mode grows"
             )
-        painleve = painleve_mu(model, dt, b, TAU / STEP * usual)
+        tau = relaxation_time(scene.rig, dt)
+        painleve = painleve_mu(model, dt, b, tau)
         if scene.mu >= painleve:
             raise not_unique(scene.mu, painleve)
         initial, speed = options.initial, scene.speed_per_load
@@ -111,7 +120,7 @@ class PaperRun(SteppedRun):
         super().__init__(scene, options, dt, round(SEGMENT * rig.time_unit / dt), SCENE)
         self._inverse = 1.0 / (1.0 + b * dt * model.damping)
         record = self.record
-        record["dt"], record["b"], record["r"], record["mu"] = dt, b, dt / (TAU / STEP * usual), scene.mu
+        record["dt"], record["b"], record["r"], record["mu"] = dt, b, dt / tau, scene.mu
         friction = scene.friction
         record["law"], record["falls"] = friction.law, not friction.constant
         record["kinetic"] = scene.mu * friction.kinetic_ratio if friction.constant else scene.mu

@@ -11,10 +11,11 @@ from warnings import warn
 import numpy as np
 
 from fivcore import checks
-from fivcore.contact.reduced import Modify, full_model, modified, reduced_model
+from fivcore.contact.reduced import Modify, ReducedModel, full_model, modified, reduced_model
 from fivcore.errors import (
     BAND,
     FIXED,
+    ContactError,
     FixedContactWarning,
     InputError,
     OutOfBandWarning,
@@ -24,6 +25,7 @@ from fivcore.errors import (
 )
 from fivcore.jit import Array
 from fivcore.rig import Rig, Scene, Structural, checked_theta
+from fivcore.structure import REACH, Structure
 from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
 from fivcore.transient.fast.steady import eigenvalues, growing
@@ -78,8 +80,8 @@ def simulate(
         Default: at rest under the load, T = 0, stuck. The `final_state` of a run of the same scene, method and
         model continues that run: times count from its start, `duration` is added, and the motion has the same bits
         as one run without the stop ("exact": to rounding; with skips: if both stop at the same times, as at
-        multiples of 1024 samples of 20 microseconds). In another scene the run starts at t = 0 from the modes and
-        the contact state.
+        multiples of 1024 samples of 20 microseconds). In another scene or model the run starts at t = 0 from the
+        modes and the contact state; a `modify` is the same if it makes equal models.
     cutoff : float, optional
         Highest frequency of a mode, Hz; not for "paper", which keeps all. Default: 94 kHz for the paper's rig
         (`contact.reduced.default_cutoff`), with more for the onset (`transient.fast.onset`). A structure from
@@ -193,7 +195,29 @@ def request(scene: Scene, arguments: dict[str, Any]) -> tuple[Scene, Normalised,
     normalised = Normalised.of(scene)
     checked = options_for(scene, normalised, arguments)
     rig = published.with_numerical_damping(normalised.rig, checked.method, checked.numerical_damping)
-    return scene, replace(normalised, rig=rig), checked
+    scaled = replace(normalised, rig=rig)
+    if isinstance(rig, Structure) and checked.cutoff is None and checked.method != "paper":
+        scaled = replace(scaled, rig=_reaching(scaled, rig))
+    return scene, scaled, checked
+
+
+def _reaching(scene: Normalised, own: Structure) -> Structure:
+    """The structure with the cut-off that its motion needs: modes that grow just below the usual one need more."""
+    if own.cutoff is None or own.reaching == own:
+        return own
+    try:
+        found = _sliding_growth(scene, reduced_model(own, scene.theta))
+    except ContactError:
+        # The method says where and why the contact force is not unique.
+        return own
+    return own.reaching if len(found) and found[-1] > REACH * own.cutoff else own
+
+
+def _sliding_growth(scene: Normalised, model: ReducedModel) -> Array:
+    """Frequencies of growing motions about steady sliding, Hz."""
+    law, speed = scene.friction, scene.speed_per_load
+    fall = -scene.mu * law.slope(speed)
+    return growing(eigenvalues(model, scene.mu * law.ratio(speed), model.default_step, fall))
 
 
 def growing_frequencies(
@@ -224,11 +248,7 @@ def growing_frequencies(
     arguments |= {"duration": 1.0, "cutoff": cutoff, "numerical_damping": numerical_damping}
     del arguments["scene"]
     _, scaled, options = request(scene, arguments)
-    model = reduced_model(scaled.rig, scaled.theta, options.cutoff)
-    law, speed = scaled.friction, scaled.speed_per_load
-    return growing(
-        eigenvalues(model, scaled.mu * law.ratio(speed), model.default_step, -scaled.mu * law.slope(speed))
-    )
+    return _sliding_growth(scaled, reduced_model(scaled.rig, scaled.theta, options.cutoff))
 
 
 def painleve_mu(
@@ -269,9 +289,8 @@ def painleve_mu(
     rig, beta2 = published.with_numerical_damping(rig, method, law["numerical_damping"]), law["beta2"]
     step = None if step is None else checks.between("step", step, 1e-12, 1.0, "s")
     if method == "paper":
-        usual = published.default_step(rig)
-        tau = published.TAU / published.STEP * usual
-        return published.painleve_mu(full_model(rig, theta), step or usual, beta2 or published.BETA2, tau)
+        step, tau = step or published.default_step(rig), published.relaxation_time
+        return published.painleve_mu(full_model(rig, theta), step, beta2 or published.BETA2, tau(rig, step))
     if method == "exact" and step is not None:
         raise InputError(f"step = {step:g}: method 'exact' does not use it here; leave it out")
     cutoff = None if cutoff is None else checks.between("cutoff", cutoff, 1.0, 1e12, "Hz")

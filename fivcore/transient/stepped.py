@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fivcore.contact.reduced import INTERVAL
+from fivcore.contact.reduced import INTERVAL, ReducedModel
 from fivcore.jit import Array
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
@@ -31,6 +31,7 @@ class SteppedRun:
     READ_AT = 1.0
     may_settle, begun = False, 0.0
     _cut, _first_energy = -1, 0.0
+    model: ReducedModel
     _take: Any
     stored_energy: Any
 
@@ -59,6 +60,11 @@ class SteppedRun:
         self.record["contact"] = options.contact
         self.record["sample_every"] = every
         self.record["row_every"] = options.rows(step)[0]
+
+    @property
+    def models(self) -> list[tuple[float | None, ReducedModel]]:
+        """The model in use, with the cut-off asked for."""
+        return [(self.options.cutoff, self.model)]
 
     @property
     def done(self) -> bool:

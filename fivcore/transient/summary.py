@@ -80,8 +80,7 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
     long = long[~cycle]
     dominant = whole if within > filled else observer.moving.peak()
     dominant = float("nan") if quiet else dominant
-    period = observer.rate / dominant
-    periodicity = observer.correlation.near(20.0 * period, 0.5 * period)
+    periodicity = observer.periodicity(dominant)
     driven = float(np.diff(displacement(np.array([begun, end]), scene.speed_per_load, run.options.ramp))[0])
     distance = slip_distance(scene)
     regime = regime_of(

@@ -14,6 +14,7 @@ import click
 
 from studies.cli.app import command, warned
 from studies.cli.execution import estimated, execute, timed, typed, with_axes
+from studies.cli.measure import DRAWN, SIGNAL, beside
 from studies.cli.options import HOW, MAP, POINTS, STUDY
 from studies.cli.output import columns, say, show
 from studies.cli.progress import announce_compiling
@@ -40,7 +41,7 @@ def plan(study: str, measured: bool, **points: Any) -> None:
     say(*lines)
 
 
-@command("run", "Compute a study, store it, draw it, print its numbers.", STUDY, *POINTS, *HOW)
+@command("run", "Compute a study, store it, draw it, print its numbers.", STUDY, *POINTS, *HOW, DRAWN, *SIGNAL)
 def run(study: str, fail_fast: bool, yes: bool, share: str | None, **points: Any) -> None:
     """Compute a study, store it as netCDF, draw its figure, and print its numbers beside the paper's.
 
@@ -56,8 +57,10 @@ def run(study: str, fail_fast: bool, yes: bool, share: str | None, **points: Any
     them; the same command then computes the missing points.
     """  # noqa: D301 - the backspace tells click to keep the lines
     announce_compiling()
+    signal = {name: points.pop(name) for name in ("measured", "unit", "rate", "channel")}
     with _offering(points["assignments"], points["out"]):
         one, planned, request, lines = _planned(study, points, True)
+    one = beside(one, **signal)
     execute(one, _shared(planned, share), (request.scheduler, request.workers), fail_fast, yes, lines)
 
 

@@ -8,6 +8,8 @@ import shlex
 import signal
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from math import isnan, nan
 from typing import TYPE_CHECKING, NoReturn
@@ -86,9 +88,7 @@ def execute(
     study: Study, planned: Plan, how: tuple[str | None, int | None], fail_fast: bool, yes: bool, lines: list[str]
 ) -> None:
     """Show a plan and warnings, ask where it takes long or is unusual, execute it, and print its numbers."""
-    from studies import results, runner
-    from studies.cli.progress import progress
-    from sweeps import ClusterLostError, FailedPointsWarning
+    from studies import runner
 
     backend = runner.backend(*how)
     asking = not yes and sys.stdin.isatty()
@@ -102,16 +102,28 @@ def execute(
     if asking and (large or planned.sweep.remark) and not click.confirm("Go ahead?", err=True):
         tell("nothing was done")
         sys.exit(130)
+    with watched(planned) as last:
+        if planned.shared:
+            planned.run(*backend, last, fail_fast=fail_fast)
+            failed = last.snapshot.failed if last.snapshot else 0
+            say(f"share {'{} of {}'.format(*planned.shared)} is computed, {failed} failed")
+            sys.exit(1 if failed else 0)
+        finished = runner.execute(study, planned, *backend, last, fail_fast=fail_fast)
+    report(study, finished, planned.adopted)
+
+
+@contextmanager
+def watched(planned: Plan) -> Iterator[_Last]:
+    """Show the progress of a plan that is executed within; an interrupted one ends with what is stored."""
+    from studies import results
+    from studies.cli.progress import progress
+    from sweeps import ClusterLostError, FailedPointsWarning
+
     last = _Last()
     try:
         with results.reading(planned.store), warned(say), progress(planned.todo) as last.callback:
-            warnings.simplefilter("ignore", FailedPointsWarning)  # they are listed below
-            if planned.shared:
-                planned.run(*backend, last, fail_fast=fail_fast)
-                failed = last.snapshot.failed if last.snapshot else 0
-                say(f"share {'{} of {}'.format(*planned.shared)} is computed, {failed} failed")
-                sys.exit(1 if failed else 0)
-            finished = runner.execute(study, planned, *backend, last, fail_fast=fail_fast)
+            warnings.simplefilter("ignore", FailedPointsWarning)  # they are listed later
+            yield last
     except KeyboardInterrupt as interrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a further interrupt would cut the message short
         tell(f"interrupted{last.stored(planned)}")
@@ -121,7 +133,6 @@ def execute(
     except ClusterLostError as lost:
         tell(f"{lost}{last.stored(planned)}")
         sys.exit(3)
-    report(study, finished, planned.adopted)
 
 
 def report(study: Study, finished: RunResult, adopted: str = "") -> NoReturn:

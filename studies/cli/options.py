@@ -39,7 +39,8 @@ def target(name: str, metavar: str, **options: Any) -> Any:
 STUDY, TARGET = target("study", "STUDY"), target("target", "STUDY|PATH")
 OUT = option("--out", type=click.Path(), help="Results folder; default: FIV_RESULTS, else ./results.")
 ERROR = option("--standard-error", type=float, metavar="X", help="The same as --set standard_error=X.")
-DISTRIBUTIONS = "mu=normal:0.2:0.02, uniform:LOW:HIGH, lognormal:MEDIAN:SIGMA, triangular:LOW:MODE:HIGH"
+DISTRIBUTIONS = "mu=normal:0.2:0.02, uniform:LOW:HIGH, lognormal:MEDIAN:SIGMA, "
+DISTRIBUTIONS += "triangular:LOW:MODE:HIGH, loguniform:LOW:HIGH"
 DRAWS = (
     option("--scatter", multiple=True, metavar="NAME=DIST", help=f"Draw a parameter: {DISTRIBUTIONS}."),
     option("--samples", type=int, metavar="N", help="Number of draws; default: 1024. More are added to those."),

@@ -118,9 +118,10 @@ def _row(file: Path, size: float, date: float) -> dict[str, str]:
     from datetime import datetime
 
     import sweeps
-    from studies.results import MAPS
+    from studies.results import FITS, MAPS
 
     kind = "map" if file.parent.name == MAPS else "study" if file.stem in catalogue() else "own study"
+    kind = "fit" if file.parent.parent.name == FITS else kind
     try:
         now = sweeps.status(file)
         done, state = now.done + now.failed + now.interpolated, now.state
@@ -172,13 +173,18 @@ def query(target: str, out: str | None, form: str, units: bool, **which: Any) ->
     median:X of the values that are not missing; share:X is the share of rows with each word, or of a condition.
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import results
+    from studies.motion import mixed
     from studies.query import query as rows
 
     file = _file(target, out)
     with results.reading(file):
-        frame = rows.select(results.open_dataset(file), note=lambda line: say(f"fiv: {line}"), **which)
+        dataset = results.open_dataset(file)
+        frame = rows.select(dataset, note=lambda line: say(f"fiv: {line}"), **which)
         text = rows.text(frame, form, units)
+        lines = [] if {"motion", "member"} & {*frame} else [*mixed.told(dataset, 0)]
     show(text, end="", raw=form != "table" and not sys.stdout.isatty())
+    for line in lines:
+        say(f"fiv: {line}")
     if form == "table" and len(frame) > SCREEN and which["limit"] is None:
         say(f"fiv: {len(frame)} rows; --limit N prints fewer, --where chooses")
 

@@ -11,6 +11,7 @@ import xarray as xr
 from fivcore import Scene, Transient, glued_frequencies
 from studies import labels, paper, summary
 from studies.claims import Claim, is_papers_point
+from studies.measured import signal
 from studies.motion import regimes, run, series
 from studies.parameters import RUN, published
 from studies.plotting import figures, planes
@@ -22,12 +23,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from studies.measured.files import Signal
+
 # Rows of the figure; of more speeds an evenly spaced subset.
 MOST_ROWS = 6
 # Depth of the spectra drawn, dB.
 DEPTH = 100.0
 # A peak within this share of a multiple of the dominant frequency is its harmonic.
 HARMONIC = 0.01
+# The foot of the main line is the median within this share of its frequency.
+FOOT = 0.25
 SPECTRA = {
     "spectrum": "power spectral density of the velocity of B after settling",
     "spectrum_vibrating": "power spectral density of the velocity of B after settling, outside long sticks",
@@ -43,6 +48,9 @@ OUTPUTS = (
 )
 CLAIMS = (
     *(Claim("regime", {"V": V}, kind, "2 and 3.5.3") for V, kind in paper.VIBRATION.items()),
+    # A periodic motion has an autocorrelation of 1, and of its lines the paper gives no width.
+    Claim("periodicity", {"V": max(paper.SPEEDS)}, 1.0, "2 and 3.5.3"),
+    Claim("line_height_dB", {"V": max(paper.SPEEDS)}, np.nan, "no number"),
     *(Claim("dominant_frequency", {"V": V}, paper.SIMULATED_LINE, "3.5.3") for V in paper.SPEEDS),
 )
 
@@ -72,12 +80,24 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
     about = {"units": "Hz", "long_name": "natural frequency of the rig glued at its contact"}
     harmonics = [[_harmonic(dataset.isel(V=k), order) for order in (2, 3)] for k in range(dataset.sizes["V"])]
     text = "peak of the spectrum within 1 % of a multiple of the dominant frequency"
+    height = {
+        "units": "1",
+        "long_name": "main line of the spectrum over the median within 25 % of its frequency, dB",
+    }
     return dataset.assign_coords(
         harmonic=("harmonic", [2, 3], {"units": "1", "long_name": "order of the harmonic"})
     ).assign(
         glued_frequency=("glued_mode", frequency, about),
         harmonic_frequency=(("V", "harmonic"), harmonics, {"units": "Hz", "long_name": text}),
+        line_height_dB=("V", [_line_height(dataset.isel(V=k)) for k in range(dataset.sizes["V"])], height),
     )
+
+
+def _line_height(point: xr.Dataset) -> float:
+    """Height of the main line over its foot, dB: how sharp it is; NaN without vibration."""
+    main, frequency = float(regimes.dominant_frequency(point)), point["frequency"].values
+    near = point["spectrum_vibrating"].values[np.abs(frequency - main) <= FOOT * main]
+    return float(np.ptp(figures.decibels([near.max(), np.median(near)]))) if near.size else np.nan
 
 
 def _harmonic(point: xr.Dataset, order: int) -> float:
@@ -93,7 +113,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield f"The vibration is {kinds}, {regimes.damping_text(dataset)}."
     yield (
         f"Statistics and spectra start {run.SETTLING:g} s after the first slip; periodicity is the "
-        "autocorrelation after 20 periods."
+        "autocorrelation after 20 periods, line height that of the main line over the median around it."
     )
     named = [
         "V",
@@ -103,6 +123,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         "separation_fraction",
         "velocity_rms",
         "periodicity",
+        "line_height_dB",
     ]
     yield "Motion", summary.frame(dataset, named)
     yield (
@@ -128,13 +149,16 @@ def _points(dataset: xr.Dataset) -> list[xr.Dataset]:
     return [dataset.isel(V=k) for k in range(dataset.sizes["V"])]
 
 
-def draw(dataset: xr.Dataset) -> Figure:
-    """Time on the left and spectra on the right, a row for each speed, as in the paper."""
+def draw(dataset: xr.Dataset, measured: Signal | None = None) -> Figure:
+    """Time on the left and spectra on the right, a row for each speed, as in the paper; `measured` in a last."""
     rows = planes.subset(dataset.sizes["V"], MOST_ROWS)
     shared: dict[str, Any] = {"sharex": "col", "sharey": "col", "gridspec_kw": {"width_ratios": (1.35, 1.0)}}
-    figure, panels = figures.panels(len(rows), 2, 18.0, 3.2 + 4.6 * len(rows), **shared)
+    count = len(rows) + (measured is not None)
+    figure, panels = figures.panels(count, 2, 18.0, 3.2 + 4.6 * count, **shared)
+    if measured is not None:
+        signal.draw(panels, measured)
     papers = is_papers_point(dataset, mu=paper.MU, F=paper.LOAD, theta=paper.THETA)
-    for k, left, right in zip(rows, panels[::2], panels[1::2], strict=True):
+    for k, left, right in zip(rows, panels[::2], panels[1::2], strict=False):
         _draw_speed(left, right, dataset.isel(V=k))
         for lines, style, text in (
             (paper.LINES, "--", "paper: dominant frequency and harmonics"),

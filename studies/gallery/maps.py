@@ -54,7 +54,12 @@ ONSET |= {
     "divergence_mu": ("1", "mu from which the contact jams"),
 }
 GLUED = {f"glued_frequency_{k}": ("Hz", f"natural frequency {k}, glued") for k in range(1, 9)}
-MOTION = {n: replace(v, long_name=v.long_name.split(",")[0]) for n, v in ensemble.outputs().items() if not v.dims}
+# A standard error says what it is of; what a member or a regime has is left out.
+MOTION = {
+    n: v if n.endswith("_se") else replace(v, long_name=v.long_name.split(",")[0])
+    for n, v in ensemble.outputs().items()
+    if v.dims in ((), ("motion",))
+}
 CHAOS = {"lyapunov_exponent": ("s-1", "largest Lyapunov exponent of the motion")}
 CHAOS |= {f"{name}_se": ("s-1", f"standard error of the {text}") for name, (_, text) in CHAOS.items()}
 PROBABILITY = {"probability_unstable": ("1", "probability of instability")}
@@ -265,6 +270,7 @@ def _draw_plane(axes: Any, dataset: xr.Dataset, name: str, x: str, y: str) -> No
             sides = [np.repeat(ends, 2)[1:-1] for ends in (left, low)]
             axes.contour(*sides, np.kron(above, np.ones((2, 2))), levels=[0.5], colors="black", linewidths=1.2)
             axes.plot([], [], color="black", label=f"{labels.title(name)} {THRESHOLDS[name]:g}")
+    planes.mark_mixed(axes, dataset, x, y)
     _mark_paper(axes, dataset, [x, y])
 
 
@@ -281,6 +287,7 @@ def _draw_curve(axes: Any, dataset: xr.Dataset, name: str, x: str, _: str) -> No
         axes.set_yticks(range(len(run.REGIMES)), run.REGIMES)
     elif name in THRESHOLDS:
         axes.axhline(THRESHOLDS[name], color=figures.GREY, linewidth=0.8)
+    planes.draw_mixed(axes, dataset, x, name)
     planes.set_side(axes, "x", dataset[x])
     axes.set_ylabel(figures.fitted(labels.label(dataset[name], long=True), 6.0))
     _mark_paper(axes, dataset, [x])
@@ -305,7 +312,7 @@ DRAWS = {"samples": (1024, "number of uncertain rigs"), "seed": (0, "seed of the
 TIME = {"duration": Parameter(4.0, "s", "simulated time", common=True)}
 TIME |= {name: RUN[name] for name in ("ramp", "cutoff", "numerical_damping")}
 MODEL = {name: RUN[name] for name in ("cutoff", "numerical_damping")}
-BEAMS, STEADY = {"beams": True}, {"normalised": True}
+BEAMS, STEADY, SEVERAL = {"beams": True}, {"normalised": True}, {"normalised": True, "chaotic": True}
 LIMIT = {"painleve_mu": ("1", "mu from which on the contact force is not unique")}
 DRAWN = {name: Parameter(value, "1", text, common=True) for name, (value, text) in DRAWS.items()}
 # Group, title, parameters besides those of the rig and the scene, outputs, function, and the rest.
@@ -314,7 +321,7 @@ GROUPS: tuple[tuple[str, str, Any, Any, Any, dict[str, Any]], ...] = (
     ("onset", "Lowest μ at which steady sliding flutters (modes below 10 kHz)", SLIDING, ONSET, onset, STEADY),
     ("contact_limit", "Uniqueness of the contact force", MODEL, LIMIT, contact_limit, {}),
     ("glued", "Natural frequencies of the beams glued at the contact", {}, GLUED, glued, BEAMS),
-    ("motion", "Motion", RUNS, MOTION, motion, {"check": ensemble.check, "normalised": True, "chaotic": True}),
+    ("motion", "Motion", RUNS, MOTION, motion, SEVERAL | {"check": ensemble.check, "coords": ensemble.APART}),
     ("chaos", "Chaos: how fast neighbouring motions part", TIME, CHAOS, chaos, STEADY | {"chaotic": True}),
     (
         "knock",
@@ -338,4 +345,4 @@ STUDIES = {
     for group, title, more, out, call, how in GROUPS
 }
 # Quantities with their groups.
-QUANTITIES = {name: group for group, study in STUDIES.items() for name in study.outputs}
+QUANTITIES = {n: group for group, study in STUDIES.items() for n, each in study.outputs.items() if not each.dims}

@@ -18,7 +18,7 @@ from fivcore.transient.fast.steady import eigenvalues
 from fivcore.transient.published import with_numerical_damping
 from studies import labels, paper, summary
 from studies.claims import Claim, is_papers_rig
-from studies.motion import ensemble, regimes, run
+from studies.motion import ensemble, mixed, regimes, run
 from studies.motion.jobs import Job, outcomes
 from studies.motion.regimes import KINDS
 from studies.plotting import figures, planes
@@ -292,10 +292,13 @@ def _draw_regimes(axes: Axes, point: xr.Dataset, x: str, y: str) -> list[Any]:
     if _draw_onset(axes, point, x, y):
         handles.append(Line2D([], [], **ONSET, label=f"onset of flutter\n{BELOW}"))
     xs, ys = (labels.readable(point[name]).values for name in (x, y))
+    # Below the others, which are smaller.
+    handles += planes.mark_mixed(axes, point, x, y)
     rim: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black", "markersize": 4.0}
     looks = MARKS | ({"uncertain": {"marker": "o", "color": "black", "label": "realisations differ"}})
     for name, look in looks.items():
-        chosen = uncertain(point) if name == "uncertain" else point["verdict"].values == [*VERDICTS].index(name)
+        differ = uncertain(point) & ~mixed.several(point).values
+        chosen = differ if name == "uncertain" else point["verdict"].values == [*VERDICTS].index(name)
         rows, columns = np.nonzero(chosen)
         handles += planes.marks(axes, list(zip(xs[columns], ys[rows], strict=True)), **rim, **look)
     if (x, y) == ("V", "mu") and is_papers_rig(point) and np.isclose(point["theta"], paper.THETA):
@@ -337,6 +340,7 @@ def _draw_shades(axes: Axes, point: xr.Dataset, x: str, y: str, name: str) -> No
     bar.outline.set_visible(False)
     figures.one_two_five(bar.ax.xaxis)
     _draw_onset(axes, point, x, y)
+    planes.mark_mixed(axes, point, x, y)
 
 
 def _quantity(point: xr.Dataset, name: str) -> xr.DataArray:
@@ -352,6 +356,7 @@ def _draw_along(point: xr.Dataset, x: str, about: str) -> Figure:
     for axes, name in zip(panels, QUANTITIES, strict=True):
         spread = labels.readable(point[f"{name}_std"]).values
         planes.along(axes, values, _quantity(point, name).values, codes, spread)
+        planes.draw_mixed(axes, point, x, name)
         if x == "mu" and np.isfinite(point["onset_mu"]):
             axes.axvline(float(point["onset_mu"]), **ONSET, label=f"onset of flutter {BELOW}")
         axes.set_ylabel(figures.fitted(labels.label(point[name]), 6.0))

@@ -15,9 +15,10 @@ from studies import paper
 
 # Kinds of sticks, by when they begin: before or after the motion has settled.
 KINDS = ("start_up", "sustained")
-# Over the paper's intermittent speeds; up to the end of intermittence; up to SLOW of it.
-LAWS = ("start_up", "sustained", "sustained_slow")
-SLOW = 1.0 / 3.0
+# Over the paper's intermittent speeds; up to the end of intermittence; up to SLOW of it; up to it within SPAN, the
+# speeds, m/s, about those at which the paper has sticks.
+LAWS = ("start_up", "sustained", "sustained_slow", "sustained_0.5_to_4_mm/s")
+SLOW, SPAN = 1.0 / 3.0, (0.5e-3, 4e-3)
 SAMPLES, COVERAGE, SEED = 2000, 0.95, 2010
 ENDS = {"": "", "_low": "lower end of the 95 % interval: ", "_high": "upper end of the 95 % interval: "}
 # Dimensions beyond mu and F, units and meaning of the derived variables; the first INTERVALS have an interval.
@@ -30,10 +31,11 @@ DERIVED: dict[str, tuple[tuple[str, ...], str, str]] = {
     ),
     "exponent": (("law",), "1", "exponent of the mean stick time over V"),
     "start_up_ratio": ((), "1", "mean start-up stick at 2 mm/s over that at 1 mm/s"),
+    "sustained_ratio": ((), "1", "mean sustained stick at 2 mm/s over that at 1 mm/s"),
     "sustained_share": (("V",), "1", "fraction of time after settling in the long sticks begun after it"),
     "intermittence_end": ((), "m s-1", "speed above which sustained sticks fill less than a tenth of the time"),
 }
-INTERVALS = 4
+INTERVALS = 5
 
 
 def with_laws(dataset: xr.Dataset) -> xr.Dataset:
@@ -64,13 +66,15 @@ def _fit(at: xr.Dataset) -> dict[str, Any]:
     # Where no end is found, every speed at which sticks fill more than that counts.
     lasting = (share > LONG_SHARE) & ~(end <= V)
     speeds = [speed for speed, kind in paper.VIBRATION.items() if kind == "intermittent"]
-    papers = (min(speeds) * (1.0 - 1e-9) <= V) & (max(speeds) * (1.0 + 1e-9) >= V)
-    laws = (both[0], papers), (both[1], lasting), (both[1], lasting & (SLOW * end >= V))
+    papers, span = (
+        (ends[0] * (1.0 - 1e-9) <= V) & (ends[-1] * (1.0 + 1e-9) >= V) for ends in (sorted(speeds), SPAN)
+    )
+    laws = (both[0], papers), *((both[1], lasting & part) for part in (True, SLOW * end >= V, span))
     return {
         "mean_stick_time": np.stack([[mean, *interval(samples)] for mean, samples in both], axis=1),
         "local_exponent": np.stack([local_exponents(V, *means) for means in both], axis=1),
         "exponent": np.stack([exponent(V, mean, samples, chosen) for (mean, samples), chosen in laws], axis=1),
-        "start_up_ratio": ratio(V, *both[0], paper.STICK_RATIO_SPEEDS),
+        **{f"{kind}_ratio": ratio(V, *of, paper.STICK_RATIO_SPEEDS) for kind, of in zip(KINDS, both, strict=True)},
         "sustained_share": share,
         "intermittence_end": end,
     }

@@ -14,7 +14,7 @@ import xarray as xr
 from fivcore import Scene, checks
 from studies import labels, paper, spec, summary
 from studies.claims import Claim
-from studies.gallery.stick_fit import SLOW, with_laws
+from studies.gallery.stick_fit import SLOW, SPAN, with_laws
 from studies.motion import ensemble
 from studies.motion.jobs import outcomes
 from studies.motion.regimes import damping_text
@@ -102,7 +102,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     end, first = labels.number(1e3 * float(at["intermittence_end"])), with_ends(at.sel(law="start_up"), "exponent")
     where = f"mu = {float(at['mu']):g}, F = {float(at['F']):g} N"
     yield f"At {where} start-up sticks last T ~ V^n, n = {first}; sustained ones end at {end} mm/s."
-    texts = ("start-up, 1 to 2 mm/s", f"sustained, up to {end} mm/s", f"sustained, up to {SLOW:.2f} of that")
+    upto, span = f"sustained, up to {end} mm/s", " to ".join(f"{1e3 * V:g}" for V in SPAN)
+    texts = ("start-up, 1 to 2 mm/s", upto, f"sustained, up to {SLOW:.2f} of that", f"{upto}, within {span}")
     laws = [(text, with_ends(at.isel(law=k), "exponent")) for k, text in enumerate(texts)]
     yield "Exponents with 95 % intervals", pd.DataFrame(laws, columns=["sticks", "n"])
     table = summary.frame(at, ["V"])
@@ -232,7 +233,9 @@ STUDY = Study(
     figure=draw,
     claims=(
         Claim("exponent", {"law": "start_up"}, -1.0, "3.5.4.2"),
+        Claim("exponent", {"law": "sustained_0.5_to_4_mm/s"}, -1.0, "2, 3.5.4.2"),
         Claim("start_up_ratio", {}, paper.STICK_RATIO, "3.5.4.2"),
+        Claim("sustained_ratio", {}, paper.STICK_RATIO, "3.5.4.2"),
     ),
     check=check,
     normalised=True,

@@ -12,7 +12,7 @@ import xarray as xr
 
 from fivcore import Scene, Transient
 from studies import labels
-from studies.motion import ensemble, regimes
+from studies.motion import ensemble, mixed, regimes
 from studies.motion.jobs import Job, outcomes
 from studies.parameters import FRICTION
 from studies.plotting import figures, general, planes
@@ -23,13 +23,16 @@ from studies.study import Parameter, Study
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MOTION = ("regime", "stick_fraction", "separation_fraction", "velocity_rms", "dominant_frequency")
+MOTION = (
+    *("regime", "stick_fraction", "separation_fraction", "velocity_rms", "dominant_frequency", "motions"),
+    *mixed.SHOWN,
+)
 OUTPUTS = {
     "growth_rate": ("s-1", "growth rate of steady sliding's least stable mode below 10 kHz"),
     "growth_coupled": ("s-1", "share of coupled modes: the growth rate with the friction at V, constant"),
     "growth_falling": ("s-1", "share of falling friction: what the fall adds to the growth rate"),
     "growth_frequency": ("Hz", "frequency of the least stable mode below 10 kHz; 0: it does not oscillate"),
-} | {name: replace(variable, dtype="float32") if name != "regime" else variable
+} | {name: replace(variable, dtype="float32") if variable.dtype == "float64" else variable
      for name, variable in ensemble.outputs().items() if name in MOTION}  # fmt: skip
 # Of the kinetic ratios of which the growth rate is drawn.
 COLOURS = (figures.GREY, figures.BLUE, figures.ORANGE, figures.RED)

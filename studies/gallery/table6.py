@@ -55,6 +55,7 @@ OUTPUTS = {
     "dominant_frequency": _of("dominant_frequency", "lower median of the vibrating realisations"),
     **{name: _of(name, "mean of the realisations") for name in AVERAGED},
     **{f"member_{name}": _of(name, "of one realisation", "member") for name in KEPT},
+    **{name: replace(each, scale="") for name, each in ensemble.motion_outputs().items()},
 }
 AT = {"theta": paper.THETA, "V": paper.ANGLES_SPEED}
 CLAIMS = (
@@ -62,6 +63,7 @@ CLAIMS = (
     Claim("dominant_frequency", AT, paper.ANGLES_SIMULATED[paper.THETA], "3.5.3, simulated"),
     *(Claim("frequency", AT | {"pair": k}, paper.ANGLES_UNSTABLE[paper.THETA][k - 1], "3.4.2") for k in (1, 2)),
     Claim("dominant_frequency", AT | {"theta": 10.0}, paper.ANGLES[10.0], "3.6, measured"),
+    Claim("regime", AT | {"theta": 10.0}, "periodic", "3.6, measured"),
     *(Claim("regime", AT | {"theta": x}, regimes.STEADY, "3.6, measured") for x in (15.0, *paper.STEADY_ANGLES)),
 )
 
@@ -100,13 +102,15 @@ def averages(runs: Sequence[Transient]) -> dict[str, Any]:
         "regime_share": counts[most] / len(runs),
     }
     together["dominant_frequency"] = ensemble.middle(one["dominant_frequency"])
-    return together | {f"member_{name}": values for name, values in one.items()}
+    apart = ensemble.motions(summaries, runs[0].scene.V)
+    return together | {f"member_{name}": values for name, values in one.items()} | apart
 
 
 def coords(members: int) -> dict[str, Axis]:
     """The pairs and the realisations, counted from 1."""
     pair = Axis(np.arange(1, PAIRS + 1), "1", "unstable pair, ascending in frequency")
-    return {"pair": pair, "member": Axis(np.arange(1, members + 1), "1", "realisation, by the ramp of the drive")}
+    member = Axis(np.arange(1, members + 1), "1", "realisation, by the ramp of the drive")
+    return {"pair": pair, "member": member} | ensemble.APART
 
 
 def check(members: int, **others: Any) -> None:
@@ -192,6 +196,7 @@ def draw(dataset: xr.Dataset) -> Figure:
         part = np.nan_to_num(dataset[f"{state}_fraction"].values)
         fractions.bar(height=part, bottom=below, color=colour, label=state, **cells)
         below += part
+    planes.draw_mixed(fractions, dataset, "theta", "stick_fraction")
     fractions.set(ylim=(0.0, 1.0), ylabel="fraction\nof time")
     kinds, below = regimes.kinds(dataset)[:, None], np.zeros(len(theta))
     codes = np.where(kinds < planes.FAILED, dataset["member_regime"].values, kinds).astype(int)

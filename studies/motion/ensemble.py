@@ -12,6 +12,7 @@ from scipy.special import betaincc
 
 from fivcore import Scene, Transient, Until, checks
 from fivcore.transient import normalised
+from studies.motion import mixed
 from studies.motion import run as runs
 from studies.motion.jobs import Job
 from studies.parameters import RUN, Parameter
@@ -21,12 +22,18 @@ from sweeps import Axis, Variable
 # peaks is neither; otherwise the mean.
 LARGEST = ("max_normal_force", "max_slip_speed")
 MIDDLE = ("dominant_frequency", "stuck_frequency")
-HOW = dict.fromkeys((f"{name}_se" for name in runs.ESTIMATED), "of the mean over realisations")
+HOW = dict.fromkeys(
+    (f"{name}_se" for name in runs.ESTIMATED),
+    "of the mean over realisations; by their spread where they follow different motions",
+)
 HOW |= dict.fromkeys(LARGEST, "largest of the realisations") | dict.fromkeys(MIDDLE, "of the middle realisation")
 QUANTITIES = tuple(name for name in runs.SUMMARY if name != "regime")
 # Quantities whose standard deviation over realisations is stored too.
 SPREAD = ("stick_fraction", "velocity_rms", "dominant_frequency", "normal_force_999")
 MOST_MEMBERS = 1000
+# Places for the different motions of realisations, and the regime of a place without one.
+NONE = -1
+APART = {"motion": Axis(np.arange(1, mixed.MOST + 1), "1", "motion, that of most realisations first")}
 # Realisations differ by the ramp of the drive: each is longer than the one before by this share of the first. Its
 # effect on averages is gone within milliseconds of the first separation, but no two runs then move alike.
 STRETCH = 0.013
@@ -121,15 +128,28 @@ def majority(regimes: NDArray[Any]) -> tuple[int, NDArray[np.intp]]:
     return len(counts) - 1 - int(np.argmax(counts[::-1])), counts
 
 
+def of(name: str, how: str, digits: int, *dims: str) -> Variable:
+    """A variable of `run.SUMMARY` from realisations of a normalised scene."""
+    variable, scale = runs.SUMMARY[name], "load" if name in runs.SCALED else ""
+    text = f"{variable.long_name}, {how}"
+    return replace(variable, long_name=text, dtype="float32", digits=digits, scale=scale, dims=dims)
+
+
+def motion_outputs() -> dict[str, Variable]:
+    """Variables of `motions`."""
+    flags, along = {NONE: "none", **dict(enumerate(runs.REGIMES))}, ("motion",)
+    how = "mean over the realisations in a motion"
+    text = f"number of motions that the realisations follow, up to {mixed.MOST}"
+    return {
+        "motions": Variable("1", text, (), "int8"),
+        "member_motion": Variable("1", "motion of each realisation; 0: none", ("member",), "int8"),
+        "motion_share": Variable("1", "fraction of the realisations in a motion", along, "float32", 6),
+        "motion_regime": Variable("1", "regime of most realisations in a motion", along, "int8", flags=flags),
+    } | {f"motion_{name}": of(name, how, 5, "motion") for name in mixed.QUANTITIES}
+
+
 def outputs() -> dict[str, Variable]:
     """Variables of `statistics`; of normalised scenes."""
-
-    def of(name: str, how: str, digits: int) -> Variable:
-        variable = runs.SUMMARY[name]
-        scale = "load" if name in runs.SCALED else ""
-        text = f"{variable.long_name}, {how}"
-        return replace(variable, long_name=text, dtype="float32", digits=digits, scale=scale)
-
     regime = runs.SUMMARY["regime"]
     certainty = "probability that more than half of all realisations of the scene are in this regime"
     return (
@@ -139,6 +159,8 @@ def outputs() -> dict[str, Variable]:
             "regime_share": Variable("1", "fraction of the realisations in a regime", ("kind",), "float32", 6),
             "member_regime": replace(regime, long_name="regime of each realisation", dims=("member",)),
         }
+        | {f"member_{name}": of(name, "of each realisation", 5, "member") for name in mixed.QUANTITIES}
+        | motion_outputs()
         | {name: of(name, HOW.get(name, "mean over realisations"), 5) for name in QUANTITIES}
         | {f"{name}_std": of(name, "standard deviation over realisations", 4) for name in SPREAD}
     )
@@ -149,24 +171,29 @@ def coords(members: int) -> dict[str, Axis]:
     return {
         "kind": Axis(np.array(runs.REGIMES), long_name="regime"),
         "member": Axis(np.arange(1, members + 1), "1", "realisation (ensemble member)"),
-    }
+    } | APART
 
 
 def statistics(results: Sequence[Transient]) -> dict[str, Any]:
     """Values of `outputs` from the realisations of one scene.
 
     A quantity is the mean, in LARGEST the largest, in MIDDLE the lower median of its finite values, NaN without
-    any; a standard error is that of the mean; a standard deviation is NaN for fewer than two.
+    any; a standard deviation is NaN for fewer than two. A standard error is that of the mean: from that of each
+    realisation, but where they follow different motions, or some do not know theirs, at least from their spread.
     """
     found = summaries(results)
-    regimes = found["regime"]
+    regimes, apart = found["regime"], motions(found, results[0].scene.V)
     regime, certainty = vote(regimes)
-    values: dict[str, Any] = {
-        "regime": regime,
-        "regime_certainty": certainty,
-        "regime_share": majority(regimes)[1] / len(regimes),
-        "member_regime": regimes,
-    }
+    values: dict[str, Any] = (
+        {
+            "regime": regime,
+            "regime_certainty": certainty,
+            "regime_share": majority(regimes)[1] / len(regimes),
+            "member_regime": regimes,
+        }
+        | {f"member_{name}": found[name] for name in mixed.QUANTITIES}
+        | apart
+    )
     for name in QUANTITIES:
         finite = found[name][np.isfinite(found[name])]
         how: Any = np.max if name in LARGEST else middle if name in MIDDLE else np.mean
@@ -174,7 +201,25 @@ def statistics(results: Sequence[Transient]) -> dict[str, Any]:
         values[name] = float(how(finite)) if len(finite) else np.nan
         if name in SPREAD:
             values[f"{name}_std"] = finite.std(ddof=1) if len(finite) > 1 else np.nan
+        if name.endswith("_se"):
+            known = found[name.removesuffix("_se")]
+            known = known[np.isfinite(known)]
+            if len(finite) and len(known) > 1 and (apart["motions"] > 1 or len(finite) < len(known)):
+                values[name] = max(values[name], float(known.std(ddof=1) / np.sqrt(len(known))))
     return values
+
+
+def motions(found: Mapping[str, NDArray[Any]], V: float) -> dict[str, Any]:
+    """Values of `motion_outputs` from the `summaries` of a scene with this speed of the drive, m/s."""
+    apart, regimes = mixed.motions(found, V), found["regime"]
+    member, none = np.zeros(len(regimes), dtype=int), mixed.MOST - len(apart)
+    for k, part in enumerate(apart):
+        member[part] = k + 1
+    means = {f"motion_{n}": [found[n][part].mean() for part in apart] for n in mixed.QUANTITIES}
+    means["motion_share"] = [len(part) / len(regimes) for part in apart]
+    kinds = [majority(regimes[part])[0] for part in apart] + [NONE] * none
+    own = {"motions": len(apart), "member_motion": member, "motion_regime": kinds}
+    return own | {name: value + [np.nan] * none for name, value in means.items()}
 
 
 def vote(regimes: NDArray[Any]) -> tuple[int, float]:

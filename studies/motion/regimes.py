@@ -8,13 +8,17 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from studies import labels
 from studies.motion.run import REGIMES
+from studies.parameters import RIG
 from sweeps import DONE, FAILED
 
 # What a point of a result can be: in a regime, or without one.
 KINDS = (*REGIMES, "failed", "pending")
 VIBRATING = ("intermittent", "periodic", "irregular")
 STEADY = "steady sliding"
+# What the paper calls a periodic steady state: vibration without long sticks.
+WITHOUT_STICKS = ("periodic", "irregular")
 
 
 def kinds(dataset: xr.Dataset) -> NDArray[np.intp]:
@@ -42,8 +46,9 @@ def dominant_frequency(dataset: xr.Dataset) -> xr.DataArray:
 
 
 def damping_text(dataset: xr.Dataset) -> str:
-    """The numerical damping of a result in words."""
-    with_damping = (
-        "numerical_damping" in dataset.coords and str(dataset["numerical_damping"].values) == "published"
-    )
-    return f"{'with' if with_damping else 'without'} the published scheme's numerical damping"
+    """The damping of a result in words: d1 and d2 where the paper has others, and the numerical damping."""
+    own = [name for name in ("d1", "d2") if name in dataset.coords and not dataset[name].ndim]
+    changed = [labels.named(name, dataset[name]) for name in own if dataset[name] != RIG[name].default]
+    published = "numerical_damping" in dataset.coords and str(dataset["numerical_damping"].values) == "published"
+    numerical = f"{'with' if published else 'without'} the published scheme's numerical damping"
+    return ", ".join([*changed, numerical])

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Rig, Scene, State, checks, sliding_modes
-from fivcore.beams.modes import rig_bases
+from fivcore import Scene, State, checks, sliding_modes
 from fivcore.errors import InputError, SceneError
 from fivcore.stability.exponents import sliding_shape
 from fivcore.stability.falling import wedging
@@ -41,7 +40,7 @@ SETTINGS = {
 
 def equilibrium(scene: Scene, about: str = "sliding") -> Array:
     """Modal displacements of steady sliding (T = mu(V) N), or of rest under the load (T = 0), with V > 0."""
-    own = structure_of(scene.rig, scene.theta)
+    own = structure_of(scene.rig, scene.theta).motion
     mu = scene.mu * scene.friction.ratio(scene.V) if about == "sliding" else 0.0
     held, rigid = 1.0 + wedging(own) * mu, own.stiffness == 0.0
     if not held > 0.0:
@@ -58,15 +57,15 @@ def directions(scene: Scene, names: Sequence[str], mode: int = 0, second_mode: i
     """Modal displacements and velocities for a unit of each coordinate, (names, 2, modes), with V > 0.
 
     Modes are those of steady sliding below 10 kHz that oscillate, by number from 1 on as the frequency ascends; 0
-    is the least stable. Their shapes leave the contact closed. A knock acts on P1 alone, but on both sides of the
-    contact of a structure, whose bodies are not told apart.
+    is the least stable. Their shapes leave the contact closed. A knock acts on P1 alone, of a structure from
+    matrices on the bodies that are loaded, of one from modes on both sides of the contact.
     """
-    own = structure_of(scene.rig, scene.theta)
+    own = structure_of(scene.rig, scene.theta).motion
     made = np.zeros((len(names), 2, len(own.stiffness)))
     for k, name in enumerate(names):
         if name == "knock":
-            on_P1 = len(rig_bases(scene.rig, scene.theta)[0].stiffness) if isinstance(scene.rig, Rig) else None
-            made[k, 1, :on_P1] = -own.normal[:on_P1]
+            moved, m = own.normal if own.struck is None else own.struck, len(own.frequency)
+            made[k, 1, :m] -= moved[:m]
         elif name == "velocity_C":
             rigid = own.stiffness == 0.0
             if not rigid.any():

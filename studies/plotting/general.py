@@ -58,6 +58,7 @@ def draw(dataset: xr.Dataset) -> Figure:
             error = None if spread is None else np.nan_to_num(spread.transpose(x, *others).isel(at).values)
             text = labels.named(others[0], done[others[0]][k]) if others else None
             axes.errorbar(values, curves.isel(at).values, error, marker="o", markersize=3.0, label=text)
+            planes.draw_mixed(axes, done.isel(at), x, name)
         axes.set_ylabel(figures.fitted(labels.label(dataset[name], long=True), 6.0))
     planes.set_side(panels[-1], "x", dataset[x])
     figures.legend_below(figure, panels, 3)
@@ -76,6 +77,7 @@ def _draw_planes(done: xr.Dataset, names: Sequence[str], x: str, others: Sequenc
         at = {dim: 0 for dim in done["status"].dims if dim not in (x, y)} | ({rest[0]: column} if rest else {})
         array = done[name].isel(at)
         mesh = planes.cells(axes, labels.readable(array), x, y)
+        planes.mark_mixed(axes, done.isel(at), x, y)
         bar = figure.colorbar(mesh, ax=axes)
         bar.set_label(figures.fitted(labels.label(done[name], long=True), 6.0))
         if rest:

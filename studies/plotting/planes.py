@@ -9,14 +9,15 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from studies import labels
+from studies.motion.mixed import several
 from studies.motion.regimes import KINDS
 from studies.plotting import figures
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -27,6 +28,11 @@ STATE_COLOURS = {"stick": "#4d4d4d", "slip": "#a6dcf7", "separation": figures.OR
 # Markers of the regimes along an axis.
 MARKERS = "svo^Dp"
 FAILED = KINDS.index("failed")
+# Points whose realisations follow different motions.
+MIXED: dict[str, Any] = {"marker": "D", "markersize": 6.0, "color": "white", "markeredgecolor": "black"}
+MIXED |= {"linestyle": "none", "label": "realisations follow\ndifferent motions"}
+# Area of the mark of a motion that all realisations follow, square points.
+LARGEST = 40.0
 # From this ratio of its ends on an axis is logarithmic; up to so many values each has a tick.
 WIDE, FEW = 20.0, 2
 
@@ -111,6 +117,30 @@ def marks(axes: Axes, places: Iterable[tuple[float, float]], **look: Any) -> lis
         return []
     axes.plot(*zip(*inside, strict=True), **look | {"linestyle": "none"})
     return [Line2D([], [], **look)]
+
+
+def mark_mixed(axes: Axes, dataset: xr.Dataset, x: str, y: str) -> list[Line2D]:
+    """Mark the points of a plane whose realisations follow different motions; handles as of `marks`."""
+    rows, columns = np.nonzero(several(dataset).transpose(y, x).values)
+    xs, ys = (labels.readable(dataset[name]).values for name in (x, y))
+    return marks(axes, zip(xs[columns], ys[rows], strict=True), **MIXED)
+
+
+def draw_mixed(axes: Axes, dataset: xr.Dataset, x: str, name: str) -> None:
+    """Along one parameter mark the values of each motion where there are several, larger by its share.
+
+    A quantity that has none has its mean marked.
+    """
+    if not bool((apart := several(dataset)).any()):
+        return
+    at = dataset.isel({x: np.flatnonzero(apart)})
+    text, heights, share = MIXED["label"], labels.readable(at[name]), xr.ones_like(at[x], dtype=float)
+    if f"motion_{name}" in at:
+        share = at["motion_share"]
+        text, heights = "each motion; larger:\nof more realisations", labels.readable(at[f"motion_{name}"])
+    xs, heights, share = xr.broadcast(labels.readable(at[x]), heights.where(share > 0.0), share)
+    look: dict[str, Any] = {"marker": MIXED["marker"], "color": "white", "edgecolor": "black", "label": text}
+    axes.scatter(xs, heights, LARGEST * share, **look, zorder=3.0, clip_on=False)
 
 
 def patches(codes: Any) -> list[Patch]:

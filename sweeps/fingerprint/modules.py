@@ -92,6 +92,8 @@ def kind_of(home: str) -> str:
         return "library"
     if home.startswith("namedtuple_") and home not in sys.modules:  # generated
         return "library"
+    if root.startswith("_cython_"):  # of the types of compiled functions, whatever extension was loaded first
+        return "library"
     if not is_installed(root) or {*distributions().get(root, ())} & {*distributions().get(ENGINE, ())}:
         return "local"
     return "library" if root in LIBRARIES else "installed"

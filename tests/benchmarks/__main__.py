@@ -22,7 +22,7 @@ from tests.benchmarks import tables
 
 PARTS = (
     *("stability", "many", "transient", "kernel", "scaling", "sweeps"),
-    *("query", "studies", "maps", "damping", "ensembles", "rivals"),
+    *("query", "studies", "maps", "damping", "ensembles", "rivals", "constants"),
 )
 
 

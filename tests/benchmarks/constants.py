@@ -1,7 +1,8 @@
 """Constants that decide the motion, each with the measurement behind it: `python -m tests.benchmarks constants`.
 
 Shares of time are compared with those by four times the cut-off. Motion is chaotic: members differ by the ramp,
-and what counts is by how much a difference exceeds two standard errors. `--full` measures more scenes. Half of the
+and what counts is by how much a difference exceeds two standard errors. `--full` measures more scenes, and
+`python -m tests.benchmarks constants.rigs` keeps what 40 rigs say about the contact's constants. Half of the
 rigs are those of `drawn_scene(2010, number)` that the defaults were chosen with, the others are new.
 """
 
@@ -10,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import count, islice
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from fivcore.transient import summary
 from fivcore.transient.normalised import Normalised, loading_time
 from studies.accuracy.rigs import drawn_scene
 from studies.gallery.classics import belted, cycle
+from tests.benchmarks.tables import Column, Table
 from tests.helpers import meshes
 
 SHARES = ("stick_fraction", "slip_fraction", "separation_fraction")
@@ -61,6 +63,8 @@ def line(label: str, found: list[tuple[float, float]]) -> str:
     return f"  {label:18}{raw.mean():8.4f}{raw.max():8.3f}{beyond.max():8.3f}{missed:5d} of {len(raw)}"
 
 
+# Of an even number of `rigs`.
+KNOWN, NEW = slice(0, None, 2), slice(1, None, 2)
 HEAD = f"  {'':18}{'mean':>8}{'most':>8}{'beyond':>8}   further than .02 beyond 2 standard errors"
 
 
@@ -69,29 +73,70 @@ def damped(ratio: float) -> Callable[[Any], Any]:
     return lambda model: replace(model, C=ratio / reduced.DAMPING * model.C)
 
 
-def rig_constants(full: bool) -> Iterator[str]:
-    """SHARE of `LEAST_CUTOFF`, `DAMPING`, and the expected error of the shares."""
-    variants: dict[str, Any] = {f"SHARE {share:g}": share for share in (0.64, reduced.SHARE, 1.0)}
-    ratios = (0.03, 0.045, reduced.DAMPING, 0.09)
-    errors: dict[str, list[tuple[float, float]]] = {name: [] for name in variants}
-    errors |= {f"DAMPING {ratio:g}": [] for ratio in ratios}
-    expected, scenes = [], list(rigs(40 if full else 6))
-    for scene in scenes:
+class Rigs(NamedTuple):
+    """What random rigs say; the last axes are those of `rigs`, in halves."""
+
+    # Of each variant, (n, 3): errors of stick and separation, and energy residual.
+    errors: dict[str, Array]
+    # Largest error and how far it exceeds two standard errors; of the default besides what is expected.
+    largest: dict[str, list[tuple[float, float]]]
+    expected: list[tuple[float, float, float]]
+
+
+def measured_rigs(number: int, names: tuple[str, ...] = ()) -> Rigs:
+    """Compare variants of SHARE and DAMPING, or those named, with four times the cut-off."""
+    variants: dict[str, Any] = {f"SHARE {share:g}": {"share": share} for share in (0.64, 1.0)}
+    variants |= {f"DAMPING {ratio:g}": {"ratio": ratio} for ratio in (0.03, 0.045, reduced.DAMPING, 0.09)}
+    variants = {name: variants[name] for name in names or variants}
+    found = Rigs({name: [] for name in variants}, {name: [] for name in variants}, [])
+    for scene in rigs(number):
         usual = reduced.default_cutoff(scene.rig)
         reference = shares(scene, cutoff=4.0 * usual)
-        for name, share in variants.items():
-            errors[name].append(apart(shares(scene, cutoff=share / reduced.SHARE * usual), reference))
-        for ratio in ratios:
-            run = shares(scene, cutoff=usual, modify=damped(ratio))
-            errors[f"DAMPING {ratio:g}"].append(apart(run, reference))
+        for name, change in variants.items():
+            cutoff = change.get("share", reduced.SHARE) / reduced.SHARE * usual
+            modify = damped(change["ratio"]) if "ratio" in change else None
+            run = shares(scene, cutoff=cutoff, modify=modify)
+            difference = np.abs(run[0] - reference[0])
+            residual = np.mean([each["energy_residual"] for each in run[2]])
+            found.errors[name].append([difference[0], difference[2], residual])
+            found.largest[name].append(apart(run, reference))
         own = shares(scene)
-        error, scatter = apart(own, reference)[0], 2.0 * float(np.hypot(own[1], reference[1]).max())
         guess = float(np.nanmean([each["cutoff_error"] for each in own[2]]))
-        expected.append((error, guess, scatter))
+        scatter = 2.0 * float(np.hypot(own[1], reference[1]).max())
+        found.expected.append((apart(own, reference)[0], guess, scatter))
+    return found._replace(errors={name: np.array(each) for name, each in found.errors.items()})
+
+
+def rig_table() -> Table:
+    """Errors of shares on 40 rigs with two values of DAMPING, and by how much they are less than today's."""
+    errors = measured_rigs(40, ("DAMPING 0.045", f"DAMPING {reduced.DAMPING:g}")).errors
+    today, kinds = errors[f"DAMPING {reduced.DAMPING:g}"], {"40": slice(None), "20 known": KNOWN, "20 new": NEW}
+    rows: list[list[Any]] = []
+    for name, found in errors.items():
+        for kind, which in kinds.items():
+            gains = (today - found)[which, :2]
+            cells = [*(mean_of(found[which, k]) for k in (0, 1)), *(mean_of(gains[:, k]) for k in (0, 1))]
+            rows.append([f"{name}, {kind} rigs", *cells, float(found[which, 2].mean())])
+    columns = ["stick", "separation", "less than today's: stick", "separation"]
+    names = [Column("constant"), *(Column(name, "", ".4f") for name in columns)]
+    return Table([*names, Column("energy residual", "", ".2g")], rows)
+
+
+def mean_of(values: Array) -> dict[str, float]:
+    """Mean and its standard error."""
+    return {"mean": float(values.mean()), "se": float(values.std(ddof=1) / np.sqrt(len(values)))}
+
+
+TABLES = {"rigs": rig_table}
+
+
+def rig_constants(full: bool) -> Iterator[str]:
+    """SHARE of `LEAST_CUTOFF`, `DAMPING`, and the expected error of the shares."""
+    _, largest, expected = measured_rigs(40 if full else 6)
     yield f"LEAST_CUTOFF = {reduced.LEAST_CUTOFF:g}, SHARE = {reduced.SHARE:g}, DAMPING = {reduced.DAMPING:g}:"
-    yield f"  errors of shares of time on {len(scenes)} random rigs, half of them new"
+    yield f"  errors of shares of time on {len(expected)} random rigs, half of them new"
     yield HEAD
-    yield from (line(name, found) for name, found in errors.items())
+    yield from (line(name, found) for name, found in largest.items())
     within = sum(e < 2.0 * g + s for e, g, s in expected)
     yield f"CUTOFF_ERROR = {summary.CUTOFF_ERROR:g}, UNSTEADY = {summary.UNSTEADY:g}:"
     yield f"  at {within} of {len(expected)} the error is below twice the expected one and two standard errors;"
@@ -105,12 +150,15 @@ def vibrating(number: int, kinds: tuple[int, ...] = (0, 1)) -> list[tuple[int, S
     return list(islice(((seed, scene) for seed, scene in scenes if scene is not None), number))
 
 
-def by_modes(seed: int, scene: Scene, numbers: tuple[int, ...]) -> dict[int, tuple[float, float]]:
-    """Errors with so many modes that move the gaps, beside four times the default cut-off, or what there is."""
+def by_modes(seed: int, scene: Scene, numbers: tuple[Any, ...]) -> dict[Any, tuple[float, float]]:
+    """Errors with so many modes that move the gaps, None: by default, beside four times the default cut-off.
+
+    Where the mesh ends below that, an eighth of its modes is left for the residual.
+    """
     own = scene.rig
     default = own.cutoff or float(own.motion.frequency[-1])
     wide = meshes.structure(seed, 4.2 * default)
-    top = min(4.0 * default, float(wide.frequency[-4]))
+    top = min(4.0 * default, float(wide.frequency[-1 if wide.static > 1 else -(len(wide.frequency) // 8)]))
     scene, found = replace(scene, rig=wide), {}
     try:
         reference = shares(scene, cutoff=top)
@@ -120,24 +168,26 @@ def by_modes(seed: int, scene: Scene, numbers: tuple[int, ...]) -> dict[int, tup
     for number in numbers:
         cutoff = motion_cutoff(wide, len(wide.frequency), number)
         if cutoff is not None and cutoff < 0.7 * top:
-            found[number] = apart(shares(scene, cutoff=cutoff), reference)
+            found[number] = apart(shares(scene, cutoff=number and cutoff), reference)
     return found
 
 
 def structure_constants(full: bool) -> Iterator[str]:
     """`MOTION_MODES`, and the expected error of a structure's shares."""
-    numbers = (24, 30, MOTION_MODES, 50) if full else (MOTION_MODES,)
+    numbers = (24, 30, MOTION_MODES, 50, None) if full else (None,)
     yield f"MOTION_MODES = {MOTION_MODES}, OWN_CUTOFF_ERROR = {summary.OWN_CUTOFF_ERROR:g}:"
     yield "  errors of shares of time on structures of random meshes"
     yield HEAD
     # Of strips the modes are dense, and the contact's dashpot outweighs a weak flutter.
     for scenes in (vibrating(30 if full else 4), vibrating(5, (2,)) if full else []):
-        errors: dict[int, list[tuple[float, float]]] = {number: [] for number in numbers}
+        errors: dict[Any, list[tuple[float, float]]] = {number: [] for number in numbers}
         for seed, scene in scenes:
             for number, found in by_modes(seed, scene, numbers).items():
                 errors[number].append(found)
         names = ", strips" if scenes and scenes[0][0] % 3 == 2 else ""
-        yield from (line(f"{number} modes{names}", found) for number, found in errors.items() if found)
+        yield from (
+            line(f"{number or 'default'} modes{names}", found) for number, found in errors.items() if found
+        )
 
 
 def belts(step: float, full: bool) -> tuple[float, float]:

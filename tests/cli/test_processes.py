@@ -21,7 +21,8 @@ FIV = str(Path(sys.executable).with_name("fiv"))
 # The command with batches that take their time, and after the first six wait until there is a file `go`; what they
 # compute, and so the store, is the study's own.
 SLOW = """
-import itertools, os, sys, time
+import itertools, os, signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
 from studies.cli.main import main
 from sweeps.task import Task
 compute, calls = Task.compute, itertools.count()

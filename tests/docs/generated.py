@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from studies import claims, registry
+from studies import claims, make_reference, registry
 from studies.cli.output import about
 from studies.gallery import hysteresis, stribeck
 from tests import HOME
@@ -21,6 +21,9 @@ from tests.docs import readmes
 
 COMPUTED = re.compile(r"(<!-- (questions|claims)(?:: ([\w, ]+))? -->\n).*?(<!-- end -->)", re.DOTALL)
 REFERENCE = HOME / "results" / "reference"
+# Columns of the claims, first with the printed damping, then with the identified one, and their heads.
+ANSWERS = {"computed": "printed damping", "deviation": "deviation"}
+ANSWERS |= {"computed ": "identified damping", "deviation ": "deviation"}
 
 
 class Question(NamedTuple):
@@ -138,13 +141,16 @@ def questions_table(_: str) -> str:
 
 
 def claims_table(names: str) -> str:
-    """Claims of the paper beside the reference, of some studies, as Markdown."""
+    """Claims of the paper beside the reference with the printed and with the identified damping, as Markdown."""
     parts = []
     for name in names.split(", "):
-        with xr.open_dataset(REFERENCE / name / f"{name}.nc") as data:
-            parts.append(claims.beside(data, registry.load(name).claims).assign(study=f"`{name}`"))
-    table = pd.concat([part for part in parts if len(part)])
-    return tables.lines(list(table.columns), table.astype(str).values.tolist())
+        keys, found = ["quantity", "at", "paper", "section"], list[pd.DataFrame]()
+        for folder in (REFERENCE, REFERENCE / make_reference.IDENTIFIED):
+            with xr.open_dataset(folder / name / f"{name}.nc") as data:
+                found.append(claims.beside(data, registry.load(name).claims))
+        parts.append(found[0].merge(found[1], on=keys, how="left", suffixes=("", " ")).assign(study=f"`{name}`"))
+    table = pd.concat(parts)[["quantity", "at", "paper", *ANSWERS, "section", "study"]]
+    return tables.lines(list(table.rename(columns=ANSWERS).columns), table.astype(str).values.tolist())
 
 
 def rendered(text: str) -> str:

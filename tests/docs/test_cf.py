@@ -13,6 +13,7 @@ import xarray as xr
 from compliance_checker.cf import util
 from compliance_checker.runner import CheckSuite
 
+import studies
 from studies import registry
 from studies.gallery import maps
 from sweeps import Axis, Grid, Sweep, Variable
@@ -62,6 +63,11 @@ def fresh(tmp_path_factory):
     del values["V"]
     rows = {"numerical_damping": ["none", "published"], "V": [2e-3, 5e-3]}
     scenes.sweep(values, rows=rows).plan(folder / "rows.nc").run("sync")
+    # A fit, some of whose draws cannot be.
+    target = {"output": "glued_frequency_2", "value": "460Hz", "within": "10Hz"}
+    stated = {"unknown": {"contact_position": "uniform:140:160mm"}, "set": {"theta": 5}, "target": [target]}
+    studies.fit(stated, samples=8, rounds=1, out=folder)
+    (folder / "fit" / "fit" / "fit.nc").rename(folder / "fit.nc")
     return folder
 
 
@@ -91,7 +97,7 @@ def test_results_pass_the_checker(suite, path):
     assert findings(suite, path) == []
 
 
-@pytest.mark.parametrize("name", ["growth_rate", "bare", "words", "recorded", "rows"])
+@pytest.mark.parametrize("name", ["growth_rate", "bare", "words", "recorded", "rows", "fit"])
 def test_what_is_written_now_passes_the_checker(suite, fresh, name):
     assert findings(suite, fresh / f"{name}.nc") == []
 

@@ -10,7 +10,7 @@ from importlib.metadata import packages_distributions, version
 
 import pytest
 
-from studies import registry
+from studies import claims, make_reference, registry
 from tests import HOME
 from tests.docs import readmes
 
@@ -236,8 +236,13 @@ def test_every_study_has_its_row():
     assert sorted(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == sorted(registry.NAMES)
 
 
-@pytest.mark.parametrize("name", registry.NAMES)
-def test_the_results_kept_here_are_those_of_this_code(name):
-    sweep, file = registry.load(name).sweep({}), HOME / "results" / "reference" / name / f"{name}.nc"
-    plan = sweep.plan(file)
+REFERENCE = HOME / "results" / "reference"
+KEPT = [(name, REFERENCE, {}) for name in registry.NAMES]
+KEPT += [(name, REFERENCE / make_reference.IDENTIFIED, claims.IDENTIFIED | make_reference.TWICE[name])
+         for name in make_reference.TWICE]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "folder", "values"), KEPT)
+def test_the_results_kept_here_are_those_of_this_code(name, folder, values):
+    plan = registry.load(name).sweep(values).plan(folder / name / f"{name}.nc")
     assert (plan.todo, plan.failed, plan.whole) == (0, 0, True)

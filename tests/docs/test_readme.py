@@ -40,7 +40,8 @@ CUT = {
     "--refine 3": "--refine 1",
     "--samples 256": "--samples 4",
     "--workers 2": "--workers 2 --scheduler threads",
-    "fiv run scenes": "fiv run scenes --set duration=20ms",
+    "fiv fit bench.toml": "fiv fit bench.toml --samples 16 --rounds 1",
+    "fiv run scenes": "fiv run scenes --set duration=60ms",
     "fiv run robust": "fiv run robust --set theta=5 --set sobol_samples=4",
     "--quantity regime": "--quantity regime --fix max_duration=.1 --fix min_duration=.02 --fix standard_error=.5",
     "theta=-10:20:61": "theta=-10:20:7",
@@ -77,7 +78,8 @@ def clone(tmp_path, here):
     for name in ("fig5", "regimes", "robust", "scenes", "stability", "table6"):
         shutil.copytree(HOME / "results" / "reference" / name, tmp_path / "results" / "reference" / name)
     (tmp_path / "results" / "reference" / "rig.svg").touch()
-    (tmp_path / "pin.toml").write_text(readmes.blocks("toml", "studies/README.md")[0])
+    for text in readmes.blocks("toml", "studies/README.md"):
+        (tmp_path / re.match(r"# (\S+\.toml)", text)[1]).write_text(text)
     (tmp_path / "rigs.csv").write_text("p1_length [mm], mu\n50, 0.1\n60, 0.2\n")
     stiffness = sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(24, 24)) * 1e7
     io.mmwrite(tmp_path / "K.mtx", stiffness.tocoo())
@@ -139,7 +141,8 @@ def reader(clone, fiv, undrawn, monkeypatch):
         if language == "toml":
             name = re.match(r"# (\S+\.toml)", text)[1]
             Path(name).write_text(text)
-            return Structure.read(name)
+            # Of a structure, or of a fit, which the command reads.
+            return None if "[[target]]" in text else Structure.read(name)
         if language == "sh":
             printed = []
             for line in commands(text):

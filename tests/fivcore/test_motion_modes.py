@@ -7,9 +7,19 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from fivcore import InputError, Rig, Scene, State, Structure, flutter_onsets, simulate, sliding_modes
-from fivcore.contact.reduced import reduced_model
-from fivcore.structure import MOTION_MODES
+from fivcore import (
+    InputError,
+    Rig,
+    Scene,
+    State,
+    Structure,
+    flutter_onsets,
+    growing_frequencies,
+    simulate,
+    sliding_modes,
+)
+from fivcore.contact.reduced import STEP, reduced_model
+from fivcore.structure import FURTHER_MODES, MOTION_MODES, REACH, SLENDER
 from fivcore.transient.published import SHARE, default_step
 from tests.benchmarks.constants import by_modes, vibrating
 from tests.helpers import meshes
@@ -66,9 +76,11 @@ def test_stability_does_not_see_the_modes_of_motion(given):
 
 
 def test_modes_of_motion_are_the_same_whoever_asks():
-    found = [beams(fmax=fmax).wider for fmax in (5e3, 10e3, 20e3, 100e3)]
-    assert all(each == found[0] for each in found)
-    assert len(found[0].frequency) == MOTION_MODES
+    found = [beams(fmax=fmax) for fmax in (5e3, 10e3, 20e3, 100e3)]
+    assert all(each.wider == found[0].wider for each in found)
+    assert len({each.cutoff for each in found}) == 1
+    assert np.count_nonzero(found[0].wider.frequency < found[0].cutoff) == MOTION_MODES
+    assert len(found[0].wider.frequency) >= FURTHER_MODES
 
 
 def test_a_structure_with_modes_of_motion_is_light_and_whole():
@@ -91,10 +103,11 @@ def test_states_have_the_modes_of_motion_or_those_of_stability():
     structure = beams(fmax=10e3)
     scene, few = Scene(2e-3, 0.0, 0.2, 9.0, structure), np.zeros(len(structure.frequency))
     end = simulate(scene, 1e-3).final_state
-    assert len(end.displacement) == MOTION_MODES + 2
+    modes = len(structure.wider.frequency)
+    assert len(end.displacement) == modes + 2
     simulate(scene, 1e-3, initial=end)
     simulate(scene, 1e-3, initial=State(few, few, 2, True))
-    with pytest.raises(InputError, match=f"they must be {MOTION_MODES} finite numbers"):
+    with pytest.raises(InputError, match=f"they must be {modes} finite numbers"):
         simulate(scene, 1e-3, initial=State(few[1:], few[1:], 2, True))
 
 
@@ -116,7 +129,7 @@ def test_the_expected_error_is_a_number_or_its_origin_says_why_not():
     structure, scene = beams(fmax=10e3), Scene(2e-3, 0.0, 0.2, 9.0)
     run = simulate(replace(scene, rig=structure), 1.5).summary
     assert "cutoff_origin" not in run
-    assert run["cutoff"] == structure.wider.frequency[-1]
+    assert run["cutoff"] == structure.cutoff < structure.wider.frequency[-1]
     assert 0.005 < run["cutoff_error"] < 0.05
     run = simulate(replace(scene, rig=structure), 0.01, cutoff=50e3).summary
     assert run["cutoff"] == 50e3
@@ -150,25 +163,26 @@ def test_a_cutoff_of_two_modes(given, message):
 def test_a_cutoff_above_all_modes_leaves_their_residual():
     """Static modes are no modes of motion: the step does not follow them."""
     structure = beams(fmax=10e3)
-    high, usual = (reduced_model(structure, 0.0, cutoff) for cutoff in (1e9, None))
+    top = 1.0001 * structure.wider.frequency[-1]
+    high, usual = (reduced_model(structure, 0.0, cutoff) for cutoff in (1e9, top))
     assert high.default_step == usual.default_step
     assert high.K.any()
 
 
 def test_a_small_model_is_what_it_is():
-    """Without a band no mode is left out; of a mesh the upper half of its modes."""
+    """Without a band no mode is left out; of a mesh the upper third of its modes."""
     M, K = np.eye(12), np.diag((2.0 * np.pi * np.linspace(100.0, 9e3, 12)) ** 2)
     rows = {"normal": np.ones(12), "tangential": np.linspace(1.0, -1.0, 12), "load": -np.ones(12)}
     assert reduced_model(Structure.from_matrices(M, K, **rows), 0.0).kept.all()
     mesh = meshes.structure(4, 1e3)
-    assert len(mesh.motion.frequency) <= MOTION_MODES
+    assert len(mesh.motion.frequency) <= FURTHER_MODES
     assert reduced_model(mesh, 0.0).K.any()
 
 
 def assert_converged(scenes, most):
     """All but `most` are within 0.02 and two standard errors of four times the cut-off, and all within 0.05."""
-    found = [by_modes(seed, scene, (MOTION_MODES,)) for seed, scene in scenes]
-    beyond = np.array([each[MOTION_MODES][1] for each in found if each])
+    found = [by_modes(seed, scene, (None,)) for seed, scene in scenes]
+    beyond = np.array([each[None][1] for each in found if each])
     assert np.count_nonzero(beyond > 0.02) <= most, beyond
     assert beyond.max() < 0.05, beyond
 
@@ -179,5 +193,40 @@ def test_the_cutoff_of_a_structure_has_converged():
 
 @pytest.mark.slow
 def test_the_cutoff_of_random_structures_has_converged():
-    """Of pins under arms and bars on beams."""
-    assert_converged(vibrating(21), 2)
+    """Of 21 pins under arms and bars on beams, and 9 strips, whose modes are dense."""
+    assert_converged([*vibrating(21), *vibrating(9, (2,))], 2)
+
+
+@pytest.mark.parametrize("seed", [50, 89])
+def test_a_step_of_a_solid_follows_its_highest_mode(seed):
+    """Most of its contact's compliance is above the cut-off, whose own oscillation is slower than the modes."""
+    model = reduced_model(meshes.structure(seed, 10e3), 0.0)
+    highest = float(np.sqrt(model.stiffness.max()))
+    assert model.contact_frequency < highest
+    assert model.default_step * highest <= STEP / SLENDER
+    assert len(model.stiffness) == 2 * MOTION_MODES
+
+
+@pytest.mark.parametrize(("seed", "more"), [(10, True), (18, False)])
+def test_where_sliding_grows_near_the_cutoff_more_modes_move(seed, more):
+    """The dashpot that stands for the modes above decides whether such a mode grows."""
+    scene = meshes.vibrating(seed)
+    own, moved = scene.rig, simulate(scene, 1e-3).summary["cutoff"]
+    below = growing_frequencies(scene, cutoff=own.cutoff)
+    assert (below[-1] > REACH * own.cutoff) == more
+    assert (moved > own.cutoff) == more
+    assert np.count_nonzero(own.motion.frequency < moved) >= (FURTHER_MODES if more else MOTION_MODES)
+
+
+@pytest.mark.parametrize("static", [1, 2])
+def test_static_modes_alone_are_a_residual_or_none(static):
+    """They never move: with one of them, of which no contact law can be made, the known modes are all there is."""
+    frequency, rows = np.linspace(100.0, 9e3, 12), np.stack([np.ones(12), np.linspace(1.0, -1.0, 12)])
+    own = Structure.from_modes(frequency, *rows, load=-np.ones(12))
+    far = {"stiffness": [1e25] * static, "normal": [1e8, 0.0][:static], "tangential": [0.0, 1e8][:static]}
+    zero = dict.fromkeys(("damping", "inertia", "output", "load"), [0.0] * static)
+    added = {name: np.append(getattr(own, name), row) for name, row in (far | zero).items()}
+    model = reduced_model(replace(own, **added, static=static), 0.0, 1e9)
+    assert len(model.stiffness) == 12
+    assert model.K.any() == (static == 2)
+    assert model.default_step > 1e-8

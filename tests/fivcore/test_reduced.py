@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
@@ -19,6 +19,7 @@ from fivcore.transient.fast.steady import steady_sliding
 from fivcore.transient.published import STEP, TAU, contact_closing
 from studies.accuracy.ablation import truncated, with_dashpot, without_cross_terms
 from studies.accuracy.rigs import drawn_scene
+from tests.helpers.examples import examples
 
 CUTOFF = 75e3
 
@@ -44,7 +45,7 @@ def test_the_contacts_damping_ratio_is_what_it_should_be(make):
 
 
 @given(st.floats(-6.0, 0.5), st.floats(0.0, 2.0), st.booleans())
-@settings(max_examples=60)
+@examples(60)
 def test_free_motion_backwards_undoes_free_motion(exponent, damping, free):
     """Of a mode with phase 10^exponent and `damping` in a step."""
     stiffness = np.array([0.0 if free else (10.0**exponent / 1e-6) ** 2])
@@ -71,7 +72,7 @@ def sawtooth(omega, damping, step):
 @given(st.floats(0.05, 2.5), st.floats(0.0, 1.0))
 @example(0.05, 0.1)  # critical damping
 @example(0.5, 1.0)
-@settings(max_examples=60)
+@examples(60)
 def test_what_impulses_miss_is_what_a_sawtooth_lacks(phase, decay):
     step = 2e-6
     square, damping = (phase / step) ** 2, decay / step

@@ -200,10 +200,6 @@ def test_heavy_damping_does_not_make_the_contact_slip_early():
 def test_coarse_meshes_run_whatever_is_left_above_the_cut_off(method, n1, n2):
     rig = Rig(replace(P1, elements=n1), replace(P2, elements=n2))
     assert reduced_model(rig, 5.0).K.any() == (n1 != n2)
-    if method == "exact" and n1 == n2:
-        with pytest.raises(ValueError, match=r"cutoff = 93880.2: the contact has no dashpot.* or method 'fast'"):
-            simulate(replace(QUICK, rig=rig), 0.02, method)
-        return
     # Over a third of a period of the head on its beam.
     summary = simulate(replace(QUICK, rig=rig), 0.02, method, settle=0.0).summary
     assert summary["mean_normal_force"] == pytest.approx(9.0, rel=0.05)

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fivcore import Rig, Scene, simulate
 from fivcore.contact.reduced import reduced_model
 from fivcore.transient.fast.skip import NONE, skip_tables
 from studies.accuracy.ablation import truncated
+from tests.helpers.examples import examples
 from tests.helpers.runs import SERIES, assert_same_summary
 
 
@@ -18,7 +19,7 @@ def both(scene, duration, **given):
 
 
 @given(st.floats(3e-4, 3e-3), st.floats(1.0, 12.0), st.floats(0.05, 0.5))
-@settings(max_examples=12)
+@examples(12)
 def test_a_skip_ends_before_stick_does(V, theta, mu):
     """First slip, which a skip that went too far would delay, at the same step; and the motion up to there."""
     duration = min(1.2 * 0.1435e-3 * mu / 0.2 / V, 0.25)

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fivcore import (
@@ -22,12 +22,13 @@ from fivcore import (
 from fivcore.beams.similar import secular_root
 from fivcore.rig import P1, P2
 from fivcore.stability import many
+from tests.helpers.examples import examples
 from tests.helpers.rigs import angles, frictions, rigs
 from tests.helpers.scattered import scattered
 
 
 @given(rigs, angles, st.lists(frictions, min_size=2, max_size=12), st.floats(500.0, 30e3))
-@settings(max_examples=25)
+@examples(25)
 def test_a_point_has_the_same_bits_in_any_batch(rig, theta, mu, fmax):
     together = sliding_modes(rig, theta, mu, fmax)
     for i, one in enumerate(mu):

@@ -101,6 +101,23 @@ def test_a_changed_function_changes_the_model():
     assert found[0] == found[2] != found[1]
 
 
+@pytest.mark.parametrize(("method", "time"), [("fast", 5e-4), ("fast", 0.02), ("exact", 2e-3)])
+def test_modifications_that_make_equal_models_go_on_and_others_do_not(method, time):
+    """Neither another function that does the same nor the same function that does something else misleads."""
+    factor = {"K": 1.0}
+
+    def softer(model):
+        return replace(model, K=factor["K"] * model.K, C=factor["K"] * model.C)
+
+    end = simulate(SCENE, time, method, modify=softer).final_state
+    for modify, goes_on in ((softer, True), (lambda model: softer(model), True), (None, True), (list, False)):
+        if modify is list:
+            factor["K"] = 0.5
+            modify = softer
+        run = simulate(SCENE, 1e-4, method, initial=end, modify=modify, record=True, sample_rate=None)
+        assert (run.time[0] >= time * (1.0 - 1e-9)) == goes_on
+
+
 def test_statistics_of_a_piece_are_its_own():
     one = simulate(SCENE, 1.0)
     two = simulate(SCENE, 1.0, initial=one.final_state)
@@ -193,9 +210,9 @@ def test_a_structure_keeps_what_its_modes_leave_out():
     own = Structure.from_matrices(0.1 * np.eye(n), K, normal={n - 1: 1.0}, tangential={n - 2: 1.0},
                                   load={n - 1: -1.0}, damping_ratio=0.01, fmax=300.0)  # fmt: skip
     scene = Scene(0.01, 0.0, 0.3, 10.0, own)
-    whole, pieces = parts(scene, [0.1], 0.2, leap=False)
+    whole, pieces = parts(scene, [0.1], 0.2, leap=False, step=2e-5)
     assert np.array_equal(np.concatenate([p.normal_force for p in pieces]), whole.normal_force)
     end = pieces[0].final_state
     assert len(end.displacement) > len(own.frequency)
-    run = simulate(scene, 1e-3, initial=replace(end), record=True, sample_rate=None)
+    run = simulate(scene, 1e-3, initial=replace(end), record=True, sample_rate=None, step=2e-5)
     assert run.normal_force[0] == pytest.approx(pieces[1].normal_force[0], rel=2e-2)

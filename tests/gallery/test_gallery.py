@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from studies import claims, paper, reference, registry, runner, summary
+from studies import claims, make_reference, paper, reference, registry, runner, summary
 from studies.accuracy.study import COSTS
 from studies.plotting import figures
 from sweeps.storage.assemble import rounded
@@ -28,6 +28,7 @@ SMALL = {
     "sensitivity": {"theta": [-5.0, 5.0, 9.0]},
     "robust": {"theta": [0.0, 5.0, 9.0], "samples": 64, "sobol_samples": 16},
     "regimes": {"V": [1e-3, 5e-3], "mu": [0.05, 0.2]} | ENSEMBLE,
+    "damping": {"d1": [50.0], "d2": [1e-8, 2e-7], "members": 2, "duration": 0.2},
     "stribeck": {"V": [1e-3, 4e-3], "kinetic_ratio": [0.8, 1.0]} | ENSEMBLE,
     "hysteresis": {"mu": [0.1, 0.12], "hold": 0.1, "member": [1, 2]},
     "basins": {"mu": [0.09, 0.1, 0.115], "most": 20, "duration": 0.2},
@@ -38,7 +39,7 @@ SMALL = {
 }
 
 
-LONG = ("accuracy", "stress", "classics", "basins", "stick_time", "robust", "hysteresis")
+LONG = ("accuracy", "stress", "classics", "damping", "basins", "stick_time", "robust", "hysteresis")
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +114,9 @@ def test_the_claims_of_the_paper_stand_beside_its_own_rig_only():
             }
             other = data.assign_attrs(configuration=data.attrs["configuration"].replace("2.9434", "2.0"))
             assert not len(claims.beside(other, study.claims)), name
+    for name in make_reference.TWICE:
+        with xr.open_dataset(KEPT / make_reference.IDENTIFIED / name / f"{name}.nc") as data:
+            assert len(claims.beside(data, registry.load(name).claims)) == len(registry.load(name).claims), name
     assert (
         claims.Claim("onset_mu", {"onset": 0}, paper.ONSETS[0][0], "3.4.2, steps of 0.01")
         in registry.load("fig5").claims

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fivcore import Rig, flutter_onsets, onset_curves, sliding_modes
@@ -10,6 +10,7 @@ from studies import claims, paper, registry, runner, summary
 from studies.gallery import stability as plane_study
 from studies.spec import evenly
 from studies.stability import first_growth, largest_growth
+from tests.helpers.examples import examples
 from tests.helpers.rigs import frictions, workshop_rig
 
 STUDY = registry.load("stability")
@@ -29,7 +30,7 @@ def by_branches(data):
     return onsets - recoveries
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(st.integers(0, 300), st.floats(-40.0, 40.0), frictions)
 def test_the_largest_growth_is_that_of_the_least_stable_mode(seed, theta, mu):
     rig = workshop_rig(seed)

@@ -42,13 +42,14 @@ def assert_same_set(mine, theirs, error):
         assert all(np.abs(other - each).min() < error * np.abs(each) for each in one)
 
 
-def beams(convert=np.asarray, **given):
-    """The paper's rig at 5 degrees, from a second assembly of its finite elements."""
-    rig = Rig()
-    K, M, normal, tangential = assemble(rig, 5.0)
+def beams(convert=np.asarray, rig=Rig(), theta=5.0, **given):  # noqa: B008
+    """A rig, the paper's at 5 degrees, from a second assembly of its finite elements."""
+    K, M, normal, tangential = assemble(rig, theta)
     p1, p2 = rig.p1.elements, rig.p2
     load, output, moved = np.zeros((3, len(K)))
-    load[3 * p1], output[3 * (p1 // 2)] = -1.0, 1.0
+    load[3 * p1] = -1.0
+    # B lies between two nodes; A has no x.
+    output[: 3 * p1 : 3] = np.maximum(1.0 - np.abs(np.arange(p1) - (1.0 - rig.point_b) * p1), 0.0)
     # P2's nodes move with its clamp, whose own element has a sixth of its mass on the first of them.
     moved[3 * p1 + 1 :: 3] = 1.0
     drive = M @ moved

@@ -5,12 +5,11 @@ A few examples, always the same; FIV_EXAMPLES=100 tries a hundred times as many,
 
 import copy
 import math
-import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import fivcore
@@ -25,14 +24,8 @@ from fivcore import (
     sliding_modes,
     tune_head_mass,
 )
+from tests.helpers.examples import examples
 from tests.helpers.rigs import angles, frictions, rigs, workshop_rig
-
-TIMES = int(os.environ.get("FIV_EXAMPLES", "1"))
-
-
-def examples(count):
-    return settings(max_examples=count * TIMES, derandomize=TIMES == 1, database=None)
-
 
 # Stability.
 

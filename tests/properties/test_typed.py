@@ -1,21 +1,18 @@
 """Any text that one can type: a range is that of decimal arithmetic, everything else is answered or refused."""
 
-import os
 from contextlib import suppress
 from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from studies import spec
 from studies.query.query import select
 from sweeps import InputError
+from tests.helpers.examples import examples
 from tests.query.trial import trial
-
-TIMES = int(os.environ.get("FIV_EXAMPLES", "1"))
-examples = settings(max_examples=50 * TIMES, derandomize=TIMES == 1, database=None)
 
 POSITIVE = st.decimals("0.001", "1e4", places=3).map(lambda value: value.normalize() + 0)
 # A parameter's unit, one that people type, and its factor.
@@ -28,7 +25,7 @@ def fifteen(value):
     return float(f"{value:.15g}")
 
 
-@examples
+@examples(50)
 @given(start=POSITIVE, stop=POSITIVE, count=st.integers(2, 40), unit=st.sampled_from(UNITS), log=st.booleans())
 def test_a_range_has_the_values_that_one_would_type(start, stop, count, unit, log):
     assume(start != stop)
@@ -43,7 +40,7 @@ def test_a_range_has_the_values_that_one_would_type(start, stop, count, unit, lo
     assert spec.parse(",".join(map(spec.typed, found)), "x").tolist() == found.tolist()
 
 
-@examples
+@examples(50)
 @given(text=st.text("0123456789.,:+-eElogmkµ%/ _xn", max_size=12))
 def test_any_spec_is_values_or_one_line(text):
     try:
@@ -60,7 +57,7 @@ PIECES = [*"()[]<=-'\",.1#:\\\n ", *(f"{word} " for word in WORDS.split())]
 CALLS = ["__import__('os').mkdir('made')", "open('made', 'w')", "eval('1')", "a.__class__"]
 
 
-@settings(max_examples=200)
+@examples(200)
 @given(st.text(max_size=30) | st.lists(st.sampled_from(PIECES + CALLS), max_size=10).map("".join))
 def test_any_expression_is_answered_or_refused_and_nothing_is_executed(text):
     with suppress(InputError):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fivcore import Structure, flutter_onsets, painleve_mu
-from studies import registry
+from fivcore import DampingWarning, Rig, Structure, flutter_onsets, painleve_mu
+from studies import registry, summary
 
 
 def drawn(seed):
@@ -53,3 +53,14 @@ def test_a_failed_point_names_no_scaled_scene():
     error = str(data["error"].sel(mu=9.0).item())
     assert "not unique" in error
     assert "scene V" not in error
+
+
+def test_what_is_remarked_of_a_structure_is_in_the_file_and_in_every_answer():
+    own = Structure.of(Rig(), 5.0)
+    asked = np.full(len(own.tied_damping[0]), 1e-4)
+    asked[3] = 0.2
+    with pytest.warns(DampingWarning, match="^damping: ratios of tied modes are missed"):
+        own = own.damped(asked)
+    study = registry.load("fig5")
+    data = study.sweep({"mu": [0.1, 0.2]}, structure=own.to_dict()).plan().run("sync")
+    assert f"Of the structure: {own.remarks[-1]}." in [*summary.parts(study, data)]

@@ -20,6 +20,7 @@ LEVELS = np.array([0.0, 0.001, 0.3, 0.5, 0.9, 0.999, 1.0])
         ("normal:0.05:0.05", "mu", "1", stats.norm(0.05, 0.05), 0.0, np.inf),
         ("lognormal:1:0.5", "point_b", "1", stats.lognorm(0.5), 0.0, 1.0),
         ("triangular:50:80:120deg", "theta", "degree", stats.triang(3.0 / 7.0, 50.0, 70.0), -90.0, 90.0),
+        ("loguniform:10ns:1us", "d2", "s", stats.loguniform(1e-8, 1e-6), 0.0, np.inf),
         ("uniform:-2mm/s:2mm/s", "V", "m s-1", stats.uniform(-2e-3, 4e-3), -np.inf, np.inf),
     ],
 )
@@ -37,6 +38,20 @@ def test_a_distribution_is_truncated_to_what_its_parameter_can_be(text, name, un
 
 
 @pytest.mark.parametrize(
+    ("frozen", "text"),
+    [
+        (stats.loguniform(1e-9, 1e-7), "loguniform:1e-09:1e-07"),
+        (stats.loguniform(1.0, 10.0, scale=2.0), "loguniform:2:20"),
+        (stats.loguniform(1.0, 10.0, loc=3.0), "reciprocal:1:10:3:1"),
+    ],
+)
+def test_a_frozen_loguniform_is_the_same_distribution(frozen, text):
+    assert uncertainty.text_of(frozen, "d2") == text
+    np.testing.assert_allclose(parse(text, "V").ppf(LEVELS), frozen.ppf(LEVELS), rtol=1e-12)
+    np.testing.assert_allclose(parse(text, "V").cdf(frozen.ppf(LEVELS)), LEVELS, atol=1e-12)
+
+
+@pytest.mark.parametrize(
     ("text", "problem"),
     [
         ("gauss:1:1", "'gauss' is none of normal, uniform, lognormal, triangular"),
@@ -44,6 +59,7 @@ def test_a_distribution_is_truncated_to_what_its_parameter_can_be(text, name, un
         ("uniform:-1e308:1e308", "HIGH - LOW at most 1.8e308"),
         ("uniform:,1:2", "separated by ':'"),
         ("triangular:1:5:2", "MODE must be from LOW = 1 to HIGH = 2, not 5"),
+        ("loguniform:0:1", "LOW must be above 0, not 0"),
         ("lognormal:-1:1", "MEDIAN must be above 0, not -1"),
         ("normal:-9:1", "100 % of it is beyond what mu can be, 0 to inf"),
         ("normal:1mm:1mm", "mm is a length"),

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from studies.cli.execution import timed
@@ -14,6 +14,7 @@ from studies.refinement import report, shares
 from sweeps import open_results, status
 from sweeps.refine import lattice
 from tests.helpers.boundaries import CLASSES, ROUGH, SHAPES, SMOOTH, Rule, X, Y, bumps, explored, noise, refine
+from tests.helpers.examples import examples
 from tests.helpers.waves import BROKEN, LOG, SHOWN, cliff, hills, interrupted, truth_of
 
 
@@ -27,7 +28,7 @@ def test_a_map_of_classes_is_that_of_the_full_grid_and_mirrored_with_it(shape):
         np.testing.assert_array_equal(np.flip(mirrored, axis), computed)
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.7, 1.5, 3.0, 6.0]), st.integers(2, 4), st.integers(1, 4))
 def test_only_islands_that_no_computed_point_has_met_are_missed(seed, width, classes, levels):
     truth = noise(seed, width, classes=classes)
@@ -41,7 +42,7 @@ def test_only_islands_that_no_computed_point_has_met_are_missed(seed, width, cla
         assert not np.any((wrong[1:] | wrong[:-1])[change])
 
 
-@settings(max_examples=2)
+@examples(2)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.booleans())
 def test_neither_order_nor_interruption_changes_the_choice(seed, order, whole):
     truth = noise(seed, 2.0, 17) if whole else bumps(np.random.default_rng(seed))[:17, :17]

@@ -1,8 +1,8 @@
 """Rigid contact, of structures without compliance: one impact law for all methods, and starts from rest.
 
 The impact takes the closing speed whole and slip by an impulse within the cone (J. J. Moreau, Unilateral contact
-and dry friction in finite freedom dynamics, 1988, with restitution 0); `paper` has no tangential impulse, for its
-T relaxes.
+and dry friction in finite freedom dynamics, 1988, with restitution 0); T of `paper` relaxes after an impact,
+by as much in all.
 """
 
 from dataclasses import replace
@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fivcore import Friction, Scene, State, Structure, simulate
+from fivcore import Friction, Rig, Scene, State, Structure, simulate
 from fivcore.friction import COULOMB
 from studies.gallery.classics import block_of
 
@@ -32,6 +32,34 @@ def test_a_mass_that_falls_on_rigid_contact_does_not_rebound(method):
     found = simulate(scene, 2.0 * fall, method, initial=start, step=fall / 500.0, settle=0.0).final_state
     assert abs(found.velocity[0]) < 1e-5
     assert found.contact != 0
+
+
+@pytest.mark.parametrize(("slide", "after"), [(-1.0, -0.7), (0.1, 0.0)])
+@pytest.mark.parametrize("method", ["fast", "exact", "paper"])
+def test_a_mass_that_slides_as_it_falls_is_slowed_by_mu_or_stopped(method, slide, after):
+    """The spring changes its speed by a hundredth of its way, 1e-4 of it."""
+    scene, fall = Scene(1e-9, 0.0, 0.3, 1e-6, block_of(10.0)), 1e-3
+    start = State(np.array([fall, 0.0]), np.array([-1.0, slide]), 0, True)
+    found = simulate(scene, 2.0 * fall, method, initial=start, step=fall / 500.0, settle=0.0).final_state
+    assert found.velocity == pytest.approx([0.0, after], abs=3e-4)
+
+
+def test_shares_of_paper_converge_to_those_of_exact():
+    """Its T relaxes within five steps, whatever they are."""
+    scene = Scene(2e-2, 0.0, 0.3, 50.0, PIN)
+    exact = shares(simulate(scene, 0.6, "exact", settle=0.1))
+    coarse, fine = (
+        np.abs(shares(simulate(scene, 0.6, "paper", settle=0.1, step=h)) - exact).max() for h in (8e-6, 5e-7)
+    )
+    assert fine < 0.02
+    assert coarse > 2.0 * fine
+
+
+def test_every_mode_of_a_coarse_rig_moves_alike_by_both_methods():
+    scene = Scene(2e-3, 5.0, 0.2, 9.0, Rig.of(p1_elements=4, p2_elements=6))
+    exact, fast = (simulate(scene, 0.08, method, cutoff=1e9).summary for method in ("exact", "fast"))
+    assert exact["energy_residual"] < 1e-10
+    assert exact["first_slip_time"] == pytest.approx(fast["first_slip_time"], rel=2e-4)
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -44,8 +44,8 @@ _NUMBERS = [
     # Step, drive of the clamp; |T| / N above which a segment ends where a sample is taken; the last slip rate.
     "step speed ramp acceleration threshold slip_rate",
     # For a rigid contact: rates of the gaps after the last impulse, and at it penetration, N, T and, in stick,
-    # what was left of mu N - |T|; NaN: unknown.
-    "after_N after_T last_p last_N last_T last_left",
+    # what was left of mu N - |T|; whether the contact was closed at the last two, 1 or 0; NaN: unknown.
+    RIGID := "after_N after_T last_p last_N last_T last_left lasting",
     # Gaps and their rates by the modes before the impulse; penetration and g_T at rest, the latter with inertia of
     # the base; u; g_T + u_T when stick began.
     "g_N g_T v_N v_T p_rest T_rest u_N u_T anchor",

@@ -363,8 +363,9 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                         if len(law) > 0:
                             _, N, T, end_T = falling(scene, law, p, before, closing, vT, np.sign(m), slip_rate)
                         old_T = scene.last_T
-                        if rigid and not np.isnan(old_T) and (was == STICK or T * old_T < 0.0):
-                            # Friction before the change, for that part of the step or back from the last one.
+                        if scene.lasting > 0.0 and (was == STICK or T * old_T < 0.0):
+                            # Friction before the change, but no impact, for that part of the step or back from
+                            # the last one.
                             share = locate(scene, law, was, p, stick_N, vN, vT, last_rate)
                             less_T = (share - 0.5) * (old_T - T)
                             # Where friction is constant no further than to where slip would turn and be driven.
@@ -434,6 +435,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
             scene.next_skip = scene.next_sample + at.MIN_SAMPLES * scene.sample_every if waits else at.NEVER
             until = pause(scene, now)
         if rigid:
+            scene.lasting = 1.0 if closed and was != SEPARATION and not np.isnan(scene.last_p) else 0.0
             hold_N, hold_T = holding(scene, vN, vT)
             scene.last_left = mu * hold_N - abs(hold_T) if was == STICK else np.nan
             scene.last_T = T - less_T

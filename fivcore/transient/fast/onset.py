@@ -19,6 +19,7 @@ import numpy as np
 from fivcore.contact.reduced import default_cutoff, modified, reduced_model
 from fivcore.errors import ContactError
 from fivcore.jit import Array
+from fivcore.rig import Structural
 from fivcore.transient.fast.solver import Solver, frozen_solver
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
@@ -28,13 +29,17 @@ FINER, HIGHER = 4, 4.0
 LEAD, LONGEST, AFTER = 3e-3, 21e-3, 3e-3
 
 
+def finer_cutoff(rig: Structural) -> float:
+    """Cut-off of the finer model, Hz."""
+    return HIGHER * default_cutoff(rig)
+
+
 def finer_solver(scene: Normalised, step: float, options: Options) -> Solver | None:
     """Build the finer solver; None where damping, a rigid contact or uniqueness of force or slip rule it out."""
     # With more material damping, s, nothing grows above the cut-off.
     if scene.rig.d2 > 1e-7:
         return None
-    cutoff = HIGHER * default_cutoff(scene.rig)
-    model = reduced_model(scene.rig, scene.theta, cutoff)
+    model = reduced_model(scene.rig, scene.theta, finer_cutoff(scene.rig))
     # With every mode kept there is no u that `prolong` could find.
     fall = -scene.mu * scene.friction.slope(0.0)
     unique = not fall or fall < model.steepest_fall(step / FINER, scene.mu)

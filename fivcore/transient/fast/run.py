@@ -73,7 +73,7 @@ class FastRun:
                 f" beyond, {what} is unstable"
             )
         check_falling(model, scene, self.step)
-        least = min(options.duration, at.MAX_SKIP * model.interval) / MOST_ROOM
+        least = least_step(model, options.duration)
         if self.step < least:
             what, damping = f"step = {self.step:g}: it must be at least {least:g} s", float(model.damping.max())
             if options.step is None and self.step * damping > 1.0:
@@ -123,6 +123,12 @@ class FastRun:
     def model(self) -> ReducedModel:
         """The model in use."""
         return self._solver.model
+
+    @property
+    def models(self) -> list[tuple[float | None, ReducedModel]]:
+        """The models of the run, each with the cut-off asked for."""
+        own = [(self.options.cutoff, self._coarse.model)]
+        return own + ([(onset.finer_cutoff(self.scene.rig), self._fine.model)] if self._fine else [])
 
     @property
     def places(self) -> NDArray[np.int64]:
@@ -219,7 +225,7 @@ class FastRun:
         put(self.blocks, self.places, at.V, v)
         record["g_N"], record["g_T"] = model.normal @ q, model.tangential @ q
         record["v_N"], record["v_T"] = model.normal @ v, model.tangential @ v
-        for name in ("after_N", "after_T", "last_p", "last_N", "last_T", "last_left"):
+        for name in at.RIGID.split():
             record[name] = np.nan
         record["p_rest"] = self._solver.at_rest[0]
         record["T_rest"] = self._solver.at_rest[1] + model.tangential @ self._shift
@@ -470,6 +476,11 @@ class FastRun:
         return bool(np.isfinite(moving).all())
 
 
+def least_step(model: ReducedModel, duration: float) -> float:
+    """Shortest step of a run, s."""
+    return min(duration, at.MAX_SKIP * model.interval) / MOST_ROOM
+
+
 def default_step(model: ReducedModel, scene: Normalised, duration: float) -> float:
     """Step of a run, s; a rigid contact, whose step follows the modes alone, may need a shorter one.
 
@@ -480,7 +491,7 @@ def default_step(model: ReducedModel, scene: Normalised, duration: float) -> flo
     if model.K.any() or isinstance(scene.rig, Rig):
         return step
     catching = scene.speed_per_load / max(scene.mu * float(model.W[1, 1]), 1e-300)
-    return min(step, max(0.25 * catching, 1e-4 * step), 0.01 * duration)
+    return min(step, max(0.25 * catching, 1e-4 * step, least_step(model, duration)), 0.01 * duration)
 
 
 def check_falling(model: ReducedModel, scene: Normalised, step: float) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -29,6 +29,7 @@ from sweeps import (
 from sweeps.storage.assemble import rounded
 from sweeps.task import MOST_CHARACTERS
 from tests.helpers.backends import visible
+from tests.helpers.examples import examples
 from tests.helpers.state import Log
 
 RAISED = Log()
@@ -42,7 +43,7 @@ def sweep(function, count=8, **changes):
 @given(
     st.sampled_from(["f4", "f8"]).flatmap(lambda kind: hnp.arrays(kind, st.integers(1, 20))), st.integers(1, 15)
 )
-@settings(max_examples=60)
+@examples(60)
 def test_rounding_is_idempotent_and_moves_no_value_by_more_than_half_a_digit(values, digits):
     near, finite = rounded(values.copy(), digits), np.isfinite(values)
     assert near.dtype == values.dtype

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sweeps import Axis, Grid, InputError, Refinement, Variable, pointwise, refined
+from tests.helpers.examples import examples
 from tests.helpers.waves import GRID, sweep
 
 X, Y = (Axis(values) for values in GRID.values())
@@ -79,7 +80,7 @@ def test_a_bad_declaration_is_named_in_one_line(make, message):
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
-@settings(max_examples=100)
+@examples(100)
 def test_an_axis_rounds_floats_to_fifteen_digits_as_text_does(value):
     assert Axis([value]).values[0] == float(f"{value:.15g}")
 
@@ -122,7 +123,7 @@ VALUES = st.lists(st.integers(0, 9), min_size=1, max_size=6, unique=True)
 
 
 @given(VALUES, VALUES, st.booleans(), st.sampled_from([1, -1, 0]))
-@settings(max_examples=50)
+@examples(50)
 def test_a_union_has_all_values_sorted_if_both_are_and_align_finds_them(one, other, zipped, order):
     if order:
         one, other = (sorted(each, reverse=order < 0) for each in (one, other))

@@ -6,7 +6,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from studies.cli.execution import timed
@@ -14,6 +14,7 @@ from sweeps import Grid, Sweep
 from sweeps.plan import batches
 from sweeps.plan.batches import BatchSizes, Queue
 from tests.helpers import waves
+from tests.helpers.examples import examples
 from tests.helpers.state import Log
 
 CALLS = Log()
@@ -82,7 +83,7 @@ def test_a_plan_of_a_million_points_and_its_queue_take_a_second_and_few_bytes_a_
 
 
 @given(st.lists(st.integers(1, 7), min_size=1, max_size=3), st.data())
-@settings(max_examples=30)
+@examples(30)
 def test_a_queue_gives_every_point_once_in_order_after_those_of_three_places(shape, data):
     names = "abc"[: len(shape)]
     grid = Grid({n: data.draw(st.permutations(range(k))) for n, k in zip(names, shape, strict=True)})
@@ -120,7 +121,7 @@ def test_batches_grow_as_far_as_finished_ones_allow():
 
 
 @given(st.integers(1, 5000), st.floats(0.0, 10.0, exclude_min=True))
-@settings(max_examples=30)
+@examples(30)
 def test_the_last_batches_are_small_so_that_workers_end_together(points, seconds):
     sizes, left = [], points
     while left:

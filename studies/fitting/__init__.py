@@ -1,0 +1,1 @@
+"""Fits: which parameters give what was observed, by weighted draws in rounds."""

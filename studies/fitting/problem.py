@@ -1,0 +1,282 @@
+"""The problem of a fit as its file states it: unknowns with their priors, and targets with what predicts them."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fivcore import Structure, checks
+from studies import request, spec, uncertainty
+from studies.fitting.structures import parameters
+from studies.gallery import maps
+from studies.parameters import suggest, unusual, warn_unusual
+from studies.results import expanded
+from studies.study import Study
+from sweeps import InputError, Sweep
+
+DEFAULTS = {"name": "fit", "set": {}, "unknown": {}, "target": [], "samples": 128, "rounds": 4, "seed": 0}
+TABLES = {"set": "a table of values", "unknown": "a table of distributions", "target": "tables [[target]]"}
+TARGET_KEYS = ("name", "study", "at", "output", "value", "within", "is")
+MOST_ROUNDS = 100
+# What a result has besides unknowns and targets.
+TAKEN = ("draw", "round", "weight")
+# Draws by which a study checks priors.
+CHECKED = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A study at fixed parameters that predicts targets; `unknowns` by the parameters that have them."""
+
+    study: Study
+    values: Mapping[str, Any]
+    unknowns: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Target:
+    """One number that was measured, or one statement, which counts with the share of members in `codes`.
+
+    The prediction is entry `entry` of an output of a source, where dimensions of its own are as in `chosen`.
+    """
+
+    name: str
+    text: str
+    units: str
+    value: float
+    within: float
+    codes: tuple[int, ...]
+    source: int
+    output: str
+    chosen: Mapping[str, Any]
+    entry: int
+    has_error: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Targets, the studies that predict them, and the structure, if any."""
+
+    targets: Sequence[Target]
+    sources: Sequence[Source]
+    structure: Structure | None
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Priors by the names of the unknowns, with units and long names, and the model; draws of a round, rounds."""
+
+    name: str
+    priors: Mapping[str, uncertainty.Distribution]
+    axes: Mapping[str, tuple[str, str]]
+    model: Model
+    samples: int
+    rounds: int
+    seed: int
+
+
+def read(content: str | Path | Mapping[str, Any], resolve: Callable[[str], Study], **options: Any) -> Problem:
+    """The problem of a TOML file, or of a mapping like its content.
+
+    `resolve` finds a study by its name; options are `samples`, `rounds` and `seed`, None where the file decides.
+    An `InputError` names the file, the unknown or the target, and what is wrong with it.
+    """
+    where, folder = "", Path()
+    if not isinstance(content, Mapping):
+        where, file = f"{content}: ", expanded(content)
+        try:
+            folder, content = file.parent, {"name": file.stem, **tomllib.loads(file.read_text("utf-8"))}
+        except OSError as problem:
+            raise InputError(f"{where}it cannot be read: {problem.strerror}") from None
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+            raise InputError(f"{where}it is not TOML: {problem}") from None
+    try:
+        _check_keys(content, (*DEFAULTS, "rig"))
+        given = {name: value for name, value in options.items() if value is not None}
+        return _problem({**DEFAULTS, **content, **given}, folder, resolve)
+    except ValueError as problem:
+        raise InputError(f"{where}{problem}") from None
+
+
+def _check_keys(table: Mapping[str, Any], known: Sequence[str]) -> None:
+    for key in table:
+        if key not in known:
+            raise InputError(f"{key}: no such key; {suggest(key, known)}the keys are {', '.join(known)}")
+
+
+def _problem(found: Mapping[str, Any], folder: Path, resolve: Callable[[str], Study]) -> Problem:
+    for key, what in TABLES.items():
+        if type(found[key]) is not type(DEFAULTS[key]) or not (found[key] or key == "set"):
+            raise InputError(f"{key} = {found[key]!r}: it must be {what}")
+    if not re.fullmatch(r"\w[\w-]*", str(found["name"])):
+        raise InputError(f"name = {found['name']!r}: it must be of letters, digits, _ and -")
+    rounds = checks.count("rounds", found["rounds"], MOST_ROUNDS)
+    uncertainty.check(found["samples"], found["seed"])
+    rig = request.read(folder / str(found["rig"]), "rig") if "rig" in found else request.Request()
+    reader = _Reader({**rig.values, **found["set"]}, found["unknown"], rig.structure, resolve)
+    for number, table in enumerate(found["target"], 1):
+        who = f"target {number}"
+        try:
+            checks.instance("target", table, dict)
+            who = f"target {table.get('name') or ', '.join(_listed(table.get('output', str(number))))}"
+            _check_keys(table, TARGET_KEYS)
+            reader.add(table)
+        except ValueError as problem:
+            raise InputError(f"{who}: {problem}") from None
+    for name in [*found["unknown"], *found["set"]]:
+        if name not in reader.taken and name not in reader.priors:
+            raise InputError(f"{name}: no target depends on it; {suggest(name, reader.taken)}".rstrip("; "))
+    priors = {name: reader.priors[name] for name in found["unknown"]}
+    model = Model(reader.targets, reader.sources, reader.structure)
+    numbers = int(found["samples"]), rounds, int(found["seed"])
+    return Problem(str(found["name"]), priors, reader.axes, model, *numbers)
+
+
+class _Reader:
+    """Collects what the tables of targets say."""
+
+    def __init__(self, fixed: Any, unknown: Any, structure: Any, resolve: Callable[[str], Study]) -> None:
+        self.fixed, self.unknown, self.resolve = fixed, unknown, resolve
+        self.structure = Structure.from_dict(structure) if structure else None
+        self.own = parameters(self.structure) if self.structure else {}
+        self.taken, self.targets, self.sources = set(self.own), list[Target](), list[Source]()
+        self.priors, self.axes = dict[str, uncertainty.Distribution](), dict[str, tuple[str, str]]()
+        self._sweeps = dict[str, tuple[int, Sweep]]()
+
+    def add(self, table: Mapping[str, Any]) -> None:
+        """A target for each value, or for each point of a statement."""
+        checks.instance("at", table.get("at", {}), dict)
+        states, outputs, at = "is" in table, _listed(table.get("output", "regime")), table.get("at", {})
+        if states == ("value" in table) or states == ("within" in table) or not (states or "output" in table):
+            raise InputError("it must have output, value and within, or is")
+        if "study" in table:
+            study = self.resolve(table["study"])
+        elif states:
+            # A map's motion, of which every realisation counts.
+            study, at = self.resolve("regimes"), {"numerical_damping": "none", **at}
+        else:
+            study = maps.STUDIES[maps.quantity_group(outputs[0])]
+        dims = {dim for variable in study.outputs.values() for dim in variable.dims} - study.parameters.keys()
+        chosen = {name: value for name, value in at.items() if name in dims}
+        source, sweep = self._source(study, {name: value for name, value in at.items() if name not in dims})
+        entries = [(name, k) for name in outputs for k in range(_entries(study, sweep, name, chosen, states))]
+        given = {"sample", *at, *self.fixed, *self.sources[source].unknowns}
+        for name in sweep.grid.axes.keys() - given if states else ():
+            if len(sweep.grid.axes[name]) > 1:
+                raise InputError(f"{name}: study {study.name} has a range of it; give its value in at")
+        variables = sweep.variables
+        if len({variables[name].units for name in outputs}) > 1:
+            raise InputError("its outputs have different units; give each a table of its own")
+        if states != bool((variable := variables[outputs[0]]).flags):
+            kind = "words; write is" if variable.flags else "numbers; write value"
+            raise InputError(f"{outputs[0]} has {kind} = ...")
+        codes, values, widths = tuple[int, ...](), [1.0] * len(entries), [0.0] * len(entries)
+        if states:
+            codes = _codes(table["is"], variable.flags or {})
+        else:
+            values, widths = _numbers(table["value"], table["within"], variable.units)
+        if len(values) != len(entries) or len(widths) != len(entries):
+            raise InputError(
+                f"{', '.join(outputs)} has {len(entries)} entries, value {len(values)}, within {len(widths)}: "
+                "choose one entry in at, or give as many values"
+            )
+        names = [table.get("name", output) for output, _ in entries]
+        for k, (output, entry) in enumerate(entries):
+            name = f"{names[k]}_{k + 1}" if names.count(names[k]) > 1 else names[k]
+            if name in {*TAKEN, *self.unknown, *(each.name for each in self.targets)}:
+                raise InputError(f"there are two of the name {name}; give one another name")
+            has_error = not states and f"{output}_se" in variables
+            text = f"share of members: {table['is']}" if states else variables[output].long_name
+            about = name, text, "1" if states else variables[output].units, values[k], widths[k], codes
+            place = source, _of_members(variables, output, states), chosen, entry, has_error
+            self.targets.append(Target(*about, *place))
+
+    def _source(self, study: Study, at: Mapping[str, Any]) -> tuple[int, Sweep]:
+        """The number of the source of a study at these parameters, made when it is first needed; a sweep of it."""
+        takes = set(study.known(self.structure))
+        values = {name: value for name, value in self.fixed.items() if name in takes} | dict(at)
+        unknowns = {p: n for n in self.unknown for p in (n, f"p1_{n}", f"p2_{n}") if p in takes}
+        self.taken |= takes
+        if (key := f"{study.name} {sorted(values.items())}") in self._sweeps:
+            return self._sweeps[key]
+        if not unknowns and not self.own.keys() & self.unknown:
+            raise InputError(f"study {study.name} depends on no unknown: {', '.join(self.unknown)}")
+        for name in self.unknown.keys() & {*unknowns.values(), *self.own}:
+            if name in values:
+                raise InputError(f"{name}: it is unknown and has a value; leave one out")
+            of_study = next((p for p, n in unknowns.items() if n == name), "")
+            parameter = study.parameters[of_study] if of_study else self.own[name]
+            text = uncertainty.text_of(self.unknown[name], name)
+            self.priors[name] = uncertainty.parse(text, of_study or re.sub(r"_\d+$", "", name), parameter.units)
+            self.axes[name] = parameter.units, re.sub(" of P1$", "", parameter.text)
+        asked = request.Request(study.name, values)
+        numbers = asked.values_of(study)
+        # The presentation of a study changes nothing.
+        bare = replace(study, paper="", derive=None, summary=None, figure=None, claims=())
+        drawn = {parameter: self.priors[name] for parameter, name in unknowns.items()}
+        structure = None if self.structure is None else self.structure.to_dict()
+        sweep = bare.sweep({**numbers, **drawn}, structure=structure, samples=CHECKED)
+        for name in drawn.keys() - sweep.grid.axes.keys():
+            raise InputError(f"{name}: study {study.name} draws it itself; take another study")
+        lines = unusual({name: value for name, value in numbers.items() if value is not None}, values)
+        warn_unusual([line for line in lines if not asked.bears_unit(line.partition(" ")[0])], strict=False)
+        self._sweeps[key] = len(self.sources), sweep
+        self.sources.append(Source(bare, numbers, unknowns))
+        return self._sweeps[key]
+
+
+def _listed(names: Any) -> list[str]:
+    return [str(name) for name in names] if isinstance(names, list) else [str(names)]
+
+
+def _of_members(variables: Mapping[str, Any], output: str, states: bool) -> str:
+    """The output that has the words of a statement, of every realisation where there are several."""
+    return f"member_{output}" if states and f"member_{output}" in variables else output
+
+
+def _entries(study: Study, sweep: Sweep, output: str, chosen: Mapping[str, Any], states: bool) -> int:
+    """How many entries an output has at one draw; of a statement all members are one."""
+    if output not in sweep.variables:
+        near = suggest(output, sweep.variables)
+        raise InputError(f"study {study.name} computes no {output}; {near}it has {', '.join(sweep.variables)}")
+    sizes = [len(axis) for name, axis in sweep.coords.items() if name in sweep.variables[output].dims]
+    for name, value in chosen.items():
+        if value not in (known := sweep.coords[name].values.tolist() if name in sweep.coords else []):
+            raise InputError(f"{name} = {value}: it must be one of {', '.join(map(str, known[:12]))}")
+        sizes.remove(len(known))
+    points = [size for dim, size in zip(sweep.grid.dims, sweep.grid.shape, strict=True) if dim != "sample"]
+    return math.prod([*points, *([] if states else sizes)])
+
+
+def _codes(given: Any, flags: Mapping[int, str]) -> tuple[int, ...]:
+    """The flags that a statement allows: those of a word, of a list of words, or all but those after "not "."""
+    negative = isinstance(given, str) and given.startswith("not ")
+    words = [given.removeprefix("not ")] if isinstance(given, str) else _listed(given)
+    for word in words:
+        if word not in flags.values():
+            near = suggest(str(word), flags.values())
+            raise InputError(f"is = {word!r}: {near}it must be one of {', '.join(flags.values())}")
+    return tuple(code for code, word in flags.items() if (word in words) != negative)
+
+
+def _numbers(value: Any, within: Any, units: str) -> tuple[list[float], list[float]]:
+    """Measured values and their standard deviations; an `InputError` for one without the unit that it needs."""
+    found = list[Any]()
+    for name, given in (("value", value), ("within", within)):
+        text = ", ".join(map(str, given)) if isinstance(given, list) else str(given)
+        relative = name == "within" and text.rstrip().endswith("%")
+        if not relative and units != "1" and not re.search(r"[A-Zabcdf-zµ°]", text):
+            example = f"{text.split(',')[-1].strip()} {units}"
+            raise InputError(f"{name} = {text}: it needs its unit, for example {example}")
+        found.append(spec.parse(text, name, "1" if relative else units) * (np.abs(found[0]) if relative else 1.0))
+    values, widths = found[0], found[1] if len(found[1]) > 1 else np.repeat(found[1], len(found[0]))
+    if not np.all(widths > 0.0):
+        raise InputError(f"within = {widths.min():g}: it must be above 0, one standard deviation")
+    return values.tolist(), widths.tolist()

@@ -1,0 +1,1 @@
+"""Measured signals: files of them, and what can be said of one."""
