@@ -107,7 +107,7 @@ def band_modes(own: Structure, fmax: float, falling: bool = False) -> BandModes:
     felt, moved = np.abs(g) * (np.abs(g) if falling else np.abs(g).max(axis=0)) > 1e-17 * compliance * p
     coupled = felt | (moved & falling)
     hidden = p[~coupled] if rayleigh and not falling else pair(p[~coupled], c[~coupled]).ravel()
-    hidden = hidden[(hidden.imag >= 0.0) & (np.abs(hidden) <= MARGIN * LARGEST * largest)]
+    hidden = hidden[hidden.imag >= 0.0]
     p, c, g = p[coupled], c[coupled], np.ascontiguousarray(g[:, coupled])
     # Squared distance from the band; that of an overdamped mode is that of its slower exponent.
     away = p / largest if rayleigh else np.abs(pair(p, c)[0]) ** 2
@@ -145,11 +145,16 @@ def _two_of(g: Array) -> Array:
 
 
 def pair(p: Any, c: Any) -> Complex:
-    """Both roots of phi^2 + c phi + p = 0, (2, n), those with Im >= 0 or the larger first."""
-    root = np.sqrt(0.25 * c**2 - p + 0j)
-    low = -0.5 * c - root
-    high = np.where(np.abs(root.imag) > 0.0, root - 0.5 * c, p / np.where(low == 0.0, 1.0, low))
-    return np.stack([high, low])
+    """Both roots of phi^2 + c phi + p = 0, (2, n), first that with Im >= 0 or the larger of two real ones."""
+    half = 0.5 * c
+    root = np.sqrt(half * half - p + 0j)
+    root = np.where(half.real * root.real + half.imag * root.imag < 0.0, -root, root)
+    large, small = -half - root, root - half
+    # The difference cancels when damping is heavy; the product of both roots is p.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        small = np.where(np.abs(small) < 0.5 * np.abs(large), p / large, small)
+    swapped = (large.imag > small.imag) | ((large.imag == small.imag) & (large.real > small.real))
+    return np.where(swapped, [large, small], [small, large]) + 0j
 
 
 @kernel
@@ -219,24 +224,25 @@ def damped_inverse(m: Array, k: Array, p: Array, c: Array, n: Array, t: Array) -
 def exponents(modes: BandModes, m: Array, k: Array) -> Complex:
     """All of the band, (points, any), with NaN: lambda where `rayleigh` is given, else phi with Im >= 0.
 
-    m and k, N s/m, are (points,).
+    m and k, N s/m, are (points,). The last columns are `modes.uncoupled`.
     """
-    (p, c, (n, t)), k, parts = modes.few, modes.omega * k, []
+    (p, c, (n, t)), k, largest, parts = modes.few, modes.omega * k, TOP, []
+    if modes.rayleigh:
+        largest = LARGEST * modes.largest
     for i in range(0, max(len(m), 1), BATCH):
         points = m[i : i + BATCH], k[i : i + BATCH]
         if modes.rayleigh:
             inverse, shifts = undamped_inverse(points[0], p, n, t, modes.largest)
-            form: Any = -np.ones(len(modes.p)), modes.residues, 0.0, LARGEST * modes.largest
         else:
             inverse, shifts = damped_inverse(*points, p, c, n, t)
-            form = modes.c, modes.residues, 1.0, TOP
         with one_blas_thread() if inverse.shape[1] > ONE_THREAD else nullcontext():
             values = np.linalg.eigvals(inverse).astype(complex)
-        parts.append(polished(values, shifts, *points, modes.p, *form))
-    if len(parts) == 1:
-        return parts[0]
-    most = max(each.shape[1] for each in parts)
-    return np.concatenate([np.pad(x, ((0, 0), (0, most - x.shape[1])), constant_values=np.nan) for x in parts])
+        power, dashpots = (0.0, -np.ones(len(modes.p))) if modes.rayleigh else (1.0, modes.c)
+        parts.append(polished(values, shifts, *points, modes.p, dashpots, modes.residues, power, largest))
+    found = np.pad(np.concatenate(parts), ((0, 0), (0, len(modes.uncoupled))))
+    found[:, found.shape[1] - len(modes.uncoupled) :] = modes.uncoupled
+    found[np.abs(found) > largest] = complex(np.nan, np.nan)
+    return found
 
 
 def sliding_shape(own: Structure, phi: complex, uncoupled: bool, falling: bool = True) -> Complex:
@@ -322,7 +328,7 @@ def polished(
     root that would go far stays where it was.
     """
     rows, gaps = np.empty((4, len(p))), np.empty(len(p), np.complex128)
-    table, most = np.full((len(m), 2 * inverse.shape[1]), complex(np.nan, np.nan)), 0
+    table = np.full(inverse.shape, complex(np.nan, np.nan))
     for point in range(len(m)):
         root, count = np.sqrt(k[point]), 0
         for i in range(len(p)):
@@ -352,22 +358,4 @@ def polished(
             if power == 0.0 and here.imag > 0.0:
                 table[point, count] = here.conjugate()
                 count += 1
-        most = max(most, count)
-    return table[:, :most].copy()
-
-
-@kernel
-def damp(values: Complex, d1: float, d2: float, phi: Complex) -> None:
-    """Root `phi` of phi^2 + (d1 + d2 lambda) phi + lambda = 0 with Im >= 0, or the larger of two real roots."""
-    for j in range(len(values)):
-        half = 0.5 * (d1 + d2 * values[j])
-        root = np.sqrt(half * half - values[j])
-        if half.real * root.real + half.imag * root.imag < 0.0:
-            root = -root
-        large, chosen = -half - root, root - half
-        # The difference cancels when damping is heavy; the product of both roots is lambda.
-        if abs(chosen) < 0.5 * abs(large):
-            chosen = values[j] / large
-        if large.imag > chosen.imag or (large.imag == chosen.imag and large.real > chosen.real):
-            chosen = large
-        phi[j] = complex(chosen.real, chosen.imag + 0.0)
+    return table

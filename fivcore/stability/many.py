@@ -17,22 +17,14 @@ from numpy.typing import NDArray
 from fivcore import checks
 from fivcore.beams.similar import lower_deflections, unit_cantilever, upper_modes
 from fivcore.contact.compression import BLOCKS, FAR, compressed
-from fivcore.errors import InputError, UnsolvedError
+from fivcore.errors import InputError
 from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array, ReadOnlyArrays, kernel
 from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS, Rig, Structural, checked_theta
+from fivcore.stability.exponents import band_modes
 from fivcore.stability.falling import checked_sliding, falling_crossings
-from fivcore.stability.onsets import (
-    ARC,
-    MOST_INTERVALS,
-    TOP,
-    axis_point,
-    isolate,
-    onset_friction,
-    onset_function,
-    onset_root,
-)
-from fivcore.stability.sampled import coulomb_crossings, divergence_onset
+from fivcore.stability.onsets import MOST_INTERVALS, TOP, axis_point, divergence_onset, endless, isolated_crossings
+from fivcore.stability.sampled import coulomb_crossings
 from fivcore.structure import Structure, structure_of
 
 # Rigs searched together, on which no result depends.
@@ -148,35 +140,32 @@ def flutter_onsets(
     """
     angle = checked_theta("rig", rig, theta)
     speed, load = checked_sliding(friction, V, F)
-    if not isinstance(rig, Rig) or friction.kinetic_ratio != 1.0:
+    band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
+    if isinstance(rig, Rig) and friction.kinetic_ratio == 1.0:
+        found, divergence = crossings(rig_table({"theta": angle}, rig), band, most, rig)
+    else:
         for name, value in (("V", speed), ("F", load)):
             if value is not None and value.ndim:
                 raise InputError(f"{name} of shape {value.shape}: it must be one number")
         values = {"mu": 0.0, "V": float(speed or 0.0), "F": float(load or 0.0)}
-        return _own_onsets(structure_of(rig, angle), fmax, mu_max, friction, values)
-    found = flutter_onsets_many({"theta": angle}, fmax, mu_max, rig)
-    own: Any = {each.name: getattr(found, each.name)[0].copy() for each in fields(FlutterOnsets)}
+        found, divergence = _of_structure(structure_of(rig, angle), band, most, friction, values)
+    whole = _listed(found, divergence, band, most)
+    own: Any = {each.name: getattr(whole, each.name)[0].copy() for each in fields(FlutterOnsets)}
     return FlutterOnsets(**own | {"divergence_mu": float(own["divergence_mu"])})
 
 
-def _own_onsets(
+def _of_structure(
     own: Structure, fmax: float, mu_max: float, friction: Friction, values: dict[str, float]
-) -> FlutterOnsets:
-    """`flutter_onsets` of a structure."""
-    band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
-    divergence, kappa = float("nan"), friction.kinetic_ratio
+) -> tuple[Array, Array]:
+    """`crossings` of a structure."""
+    divergence, kappa = np.nan, friction.kinetic_ratio
     if friction.constant:
-        found, divergence = (
-            coulomb_crossings(own, band, kappa, most),
-            divergence_onset(own, band, kappa * most) / kappa,
-        )
+        found, modes = coulomb_crossings(own, fmax, kappa, mu_max), band_modes(own, fmax)
+        a, b, _ = modes.residues
+        divergence = divergence_onset(modes.p, modes.c, a, b, kappa * mu_max) / kappa
     else:
-        found = falling_crossings(own, band, friction, values, "mu", 0.0, most)
-    mu, place, change = found.T
-    on_axis, up = place <= 1.0, change > 0.0
-    onset, recovery = on_axis & (change == 2.0), on_axis & (change == -2.0)
-    entry = mu[~on_axis & (place <= TOP) & up].copy()
-    return FlutterOnsets(mu[onset], band * place[onset], mu[recovery], band * place[recovery], entry, divergence)
+        found = falling_crossings(own, fmax, friction, values, "mu", 0.0, mu_max)
+    return np.insert(found * [1.0, fmax, 1.0], 0, 0.0, axis=1).T, np.array([divergence])
 
 
 def flutter_onsets_many(
@@ -208,14 +197,18 @@ def flutter_onsets_many(
     checks.instance("rig", rig, Rig)
     band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
     table = rig_table(numbers, rig)
-    found, divergence = crossings(table, band, most, rig, threads)
-    place, change = found[2:]
-    on_axis, up = place <= band, change > 0.0
-    at_top = ~on_axis & (place <= TOP * band) & up
-    onset, recovery = (_padded(found[:3, on_axis & kind], len(table)) for kind in (up, ~up))
-    entry, changes = _padded(found[:2, at_top], len(table)), _padded(found[[0, 1, 3]], len(table))
+    return _listed(*crossings(table, band, most, rig, threads), band, most)
+
+
+def _listed(found: Array, divergence: Array, fmax: float, mu_max: float) -> ManyFlutterOnsets:
+    """What `crossings` are."""
+    (place, change), rows = found[2:], len(divergence)
+    on_axis, up = place <= fmax, change > 0.0
+    entering = ~on_axis & (place <= TOP * fmax) & up
+    parts = found[:3, on_axis & up], found[:3, on_axis & ~up], found[:2, entering], found[[0, 1, 3]]
+    onset, recovery, [entry], changes = (_padded(each, rows) for each in parts)
     return ManyFlutterOnsets(
-        onset[0], onset[1], recovery[0], recovery[1], entry[0], divergence, changes[0], changes[1], most
+        onset[0], onset[1], recovery[0], recovery[1], entry, divergence, changes[0], changes[1], mu_max
     )
 
 
@@ -232,11 +225,7 @@ def crossings(table: Array, fmax: float, mu_max: float, rig: Rig, threads: int =
         rows = table[start : start + BATCH]
         found, divergence, failed = _search_rows(rows, 2.0 * np.pi * fmax, mu_max, *beams)
         if failed >= 0:
-            where = f"row {start + failed}, theta = {rows[failed, 0]:g},"
-            raise UnsolvedError(
-                f"flutter onsets up to mu_max = {mu_max:g} in {where} below fmax = {fmax:g} Hz: "
-                "the search needs too many intervals; choose a smaller band"
-            )
+            raise endless(mu_max, fmax, f" in row {start + failed}, theta = {rows[failed, 0]:g},")
         found[:, 0] += start
         return found.T, divergence
 
@@ -303,38 +292,18 @@ def _check(row: int, values: list[Any], rig: Rig) -> None:
 def _search_rows(table: Array, unit: float, mu_max: float, upper: Any, lower: Any) -> tuple[Array, Array, int]:
     """Crossings (k, 4): row, mu, place on the path, change; divergence_mu of the rows; one that failed, or -1."""
     divergence = np.full(len(table), np.nan)
-    found, brackets, count = np.empty((0, 4)), np.empty((MOST_INTERVALS, 3)), 0
+    found, brackets = np.empty((0, 4)), np.empty((MOST_INTERVALS, 3))
     for k in range(len(table)):
         d1, d2 = table[k, 3] / unit, table[k, 4] * unit
         x, y = axis_point(1.0, d1, d2)
         # The band's largest lambda, more than 1 with heavy damping.
         p, a, b = contact_poles(table[k], unit, max(1.0, np.hypot(x, y)), upper, lower)
-        if not np.any(b):
-            continue
-        number, judged = isolate(p, a, b, d1, d2, mu_max, brackets)
+        own, judged = isolated_crossings(p, a, b, d1, d2, mu_max, brackets)
         if judged == MOST_INTERVALS:
-            return found[:count], divergence, k
-        for i in range(number + 1):
-            # At phi = 2 a real eigenvalue enters, or leaves where mu(lambda) rises outwards.
-            omega, n = ARC, 0
-            change = -1.0 if onset_function(ARC, 0, p, a, b, d1, d2) > 0.0 else 1.0
-            if i < number:
-                low, high, n = brackets[i, 0], brackets[i, 1], int(brackets[i, 2])
-                omega = onset_root(low, high, n, p, a, b, d1, d2)
-                # d Re(phi) / d mu has the sign of d Im(mu) / d omega, and Im(mu) that of W.
-                change = 2.0 if onset_function(high, n, p, a, b, d1, d2) > 0.0 else -2.0
-            mu = onset_friction(omega, n, p, a, b, d1, d2)
-            if not 0.0 < mu <= mu_max:
-                continue
-            # On the real axis a pair that ceases to oscillate leaves the upper half.
-            if change == 1.0 or (omega > ARC and change < 0.0):
-                divergence[k] = min(mu, divergence[k]) if divergence[k] > 0.0 else mu
-            if omega <= ARC:
-                if count == len(found):
-                    found = np.concatenate((found, np.empty((count + 64, 4))))
-                found[count] = np.array([k, mu, omega, change])
-                count += 1
-    return found[:count], divergence, -1
+            return found, divergence, k
+        divergence[k] = divergence_onset(p, d1 + d2 * p, a, b, mu_max)
+        found = np.concatenate((found, np.column_stack((np.full(len(own), float(k)), own))))
+    return found, divergence, -1
 
 
 @kernel

@@ -22,13 +22,11 @@ from fivcore.errors import UnsolvedError
 from fivcore.jit import Array, Complex, kernel
 from fivcore.stability.exponents import TOP as LARGEST_PHI
 from fivcore.stability.exponents import BandModes, band_modes, exponents, pair
-from fivcore.stability.onsets import ARC, TOP, proportional_crossings
+from fivcore.stability.onsets import ARC, FIRST, MOST_INTERVALS, TOP, contour, endless, isolated_crossings
 from fivcore.structure import Structure
 
-# Steps of the samples, as shares of the distance from the nearest pole; the least step and the first place.
-STEPS, LEAST, FIRST = (0.1, 0.04, 0.015, 0.005), 1e-9, 1e-7
-# Samples of the real axis, 20 a decade.
-REAL = 147
+# Steps of the samples, as shares of the distance from the nearest pole; the least step.
+STEPS, LEAST = (0.1, 0.04, 0.015, 0.005), 1e-9
 # The last place: on the real axis, at both ends of the path, W is 0.
 LAST = ARC - FIRST
 
@@ -44,15 +42,6 @@ class FrictionPath(NamedTuple):
     wedging: float = 0.0
     fall: float = 0.0
     power: float = 1.0
-
-
-@kernel
-def contour(omega: float) -> complex:
-    """Point of the path of `onsets`, phi in units of 2 pi fmax."""
-    if omega <= 1.0:
-        return complex(0.0, omega)
-    angle = np.pi / 6.0 - 0.5 * (omega - TOP)
-    return complex(omega - 1.0, 1.0) if omega <= TOP else 2.0 * complex(np.cos(angle), np.sin(angle))
 
 
 @kernel
@@ -119,10 +108,14 @@ def coulomb_crossings(own: Structure, fmax: float, ratio: float, mu_max: float) 
     if ratio * mu_max < 1e-12:
         return np.empty((0, 3))
     modes = band_modes(own, fmax)
-    if modes.rayleigh:
-        found = proportional_crossings(modes, ratio * mu_max)
-    else:
+    if modes.rayleigh is None:
         found = sampled_crossings(modes, FrictionPath(), 0.0, ratio * mu_max)
+    else:
+        (d1, d2), (a, b, _), brackets = modes.rayleigh, modes.residues, np.empty((MOST_INTERVALS, 3))
+        found, judged = isolated_crossings(modes.p, a, b, d1, d2, ratio * mu_max, brackets)
+        if judged == MOST_INTERVALS:
+            raise endless(mu_max, fmax)
+        found = found[np.lexsort(found.T[1::-1])]
     return np.asarray(found / [ratio, 1.0, 1.0])
 
 
@@ -175,7 +168,7 @@ def sampled_crossings(
                     near = [each for _, each, _ in candidates(complex(x * (1.0 - 1e-6)), n)]
                     beside = min(near, key=lambda z: abs(z - root))
                     onsets.append((value, ARC, way * float(np.sign(beside.real - root.real))))
-        for start, end, n in brackets(samples, system):
+        for start, end, n in intervals(samples, system):
             rising = crossing_function(end, n, *system, 1.0) > 0.0
             if rising == (crossing_function(start, n, *system, 1.0) > 0.0):
                 continue
@@ -209,33 +202,7 @@ def counts_agree(
     return bool(np.all(growing == growing[:1]))
 
 
-@kernel
-def _inverse_friction(log_phi: float, p: Array, c: Array, residues: Array) -> float:
-    """B / A at a real exponent."""
-    phi, a, b = np.exp(log_phi), 0.0, 0.0
-    for i in range(len(p)):
-        soft = 1.0 / (p[i] + phi * (c[i] + phi))
-        a, b = a + residues[0, i] * soft, b + residues[1, i] * soft
-    return b / a
-
-
-def divergence_onset(own: Structure, fmax: float, mu_max: float) -> float:
-    """Least friction up to mu_max at which an exponent is real and grows, at most 2 * 2 pi fmax; NaN without one.
-
-    For phi > 0 every term of A is positive, and has no resonance: 1 / mu = -B / A is smooth over log(phi), and its
-    largest value is the least friction.
-    """
-    modes = band_modes(own, fmax)
-    system = modes.p, modes.c, modes.residues
-    logs = np.linspace(np.log(FIRST), np.log(LARGEST_PHI), REAL)
-    values = [_inverse_friction(each, *system) for each in logs]
-    k = int(np.argmin(values))
-    low, high = logs[max(k - 1, 0)], logs[min(k + 1, REAL - 1)]
-    lowest = min(values[k], _inverse_friction(fminbound(_inverse_friction, low, high, system, xtol=1e-9), *system))
-    return float(-1.0 / lowest) if lowest * mu_max <= -1.0 else float("nan")
-
-
-def brackets(samples: Array, system: tuple[Array, Array, Array, FrictionPath]) -> list[tuple[float, float, int]]:
+def intervals(samples: Array, system: tuple[Array, Array, Array, FrictionPath]) -> list[tuple[float, float, int]]:
     """Intervals in which W changes its sign, and the mode without whose pole it does."""
     omega, W, mode = samples.T
     positive = W > 0.0

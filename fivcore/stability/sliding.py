@@ -21,14 +21,7 @@ from fivcore.errors import InputError
 from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array, Complex, ReadOnlyArrays
 from fivcore.rig import Rig, Structural, checked_theta
-from fivcore.stability.exponents import (
-    LARGEST,
-    band_modes,
-    damp,
-    damped_by_mode,
-    exponents,
-    sliding_shape,
-)
+from fivcore.stability.exponents import band_modes, damped_by_mode, exponents, pair, sliding_shape
 from fivcore.stability.falling import checked_sliding, sliding_point
 from fivcore.structure import structure_of
 
@@ -166,22 +159,15 @@ def sliding_modes(
             )
         modes = band_modes(own, band, not friction.constant)
         solved.append((points, modes, exponents(modes, m[points], k[points])))
-    places = max((roots.shape[1] + len(modes.uncoupled) for _, modes, roots in solved), default=0)
-    values = np.full((frictions.size, places), complex(np.nan, np.nan))
-    uncoupled = np.zeros(values.shape, dtype=bool)
+    values = np.full((frictions.size, max((roots.shape[1] for *_, roots in solved), default=0)), np.nan * 1j)
+    uncoupled, omega = np.zeros(values.shape, dtype=bool), 2.0 * np.pi * band
     for points, modes, roots in solved:
-        count = roots.shape[1] + len(modes.uncoupled)
-        values[points, : roots.shape[1]], values[points, roots.shape[1] : count] = roots, modes.uncoupled
-        uncoupled[points, roots.shape[1] : count] = True
-    omega, phi = 2.0 * np.pi * band, np.empty_like(values)
-    if not friction.constant or damped_by_mode(structure_of(rig, 0.0), band):
-        phi[:] = omega * values
-        values = -(phi**2)
-    else:
-        largest = max((modes.largest for _, modes, _ in solved), default=1.0)
-        values[np.abs(values) > LARGEST * largest] = complex(np.nan, np.nan)
-        values *= omega**2
-        damp(values.ravel(), rig.d1, rig.d2, phi.ravel())
+        values[points, : roots.shape[1]] = roots
+        uncoupled[points, roots.shape[1] - len(modes.uncoupled) : roots.shape[1]] = True
+    phi, damped = omega * values, not friction.constant or damped_by_mode(structure_of(rig, 0.0), band)
+    if not damped:
+        phi = omega * pair(values, rig.d1 / omega + rig.d2 * omega * values)[0]
+    values = -(phi**2) if damped else omega**2 * values
     phi[(phi.imag > omega) | (np.abs(phi) > 2.0 * omega)] = complex(np.nan, np.nan)
     missing = np.isnan(phi)
     values[missing], uncoupled[missing] = complex(np.nan, np.nan), False

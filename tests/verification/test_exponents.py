@@ -94,9 +94,6 @@ def check(seeds, kind):
         else:
             modes = band_modes(own, fmax)
         p, c, n, t = modes_of(own, modes.omega)
-        if not law:
-            # Modes with a node at the contact are no poles.
-            p, c, n, t = (each[n != 0.0] for each in (p, c, n, t))
         undamped = modes.rayleigh is not None
         size, radius = clear_radius(p, None if undamped else c, modes.largest)
         count = number_within(radius, size, p, None if undamped else c, n, t, m, k * modes.omega)
@@ -185,7 +182,7 @@ def test_slow_exponents_of_steep_friction(p, t, k):
     modes = band_modes(own, 1.0 / np.pi, True)
     found = exponents(modes, np.array([0.4]), np.array([k]))[0] * modes.omega
     near = expected[(np.abs(expected) < 2.0 * modes.omega) & (expected.imag < modes.omega)]
-    assert_same_set(found, near, 1e-12)
+    assert_same_set(found[np.isfinite(found)], near, 1e-12)
 
 
 @pytest.mark.parametrize("law", [Friction(), Friction(0.3, 1.0)])
