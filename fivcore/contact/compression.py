@@ -52,96 +52,74 @@ def lanczos(s: Array, damping: Array, w: Array, blocks: int) -> tuple[Array, Arr
         used += j >= 2
         length = np.sqrt(_dot(new, new))
         # Twice is enough (Parlett, The Symmetric Eigenvalue Problem, 1980, section 6-9).
-        for _ in range(2):
-            for i in range(size):
-                share = _dot(basis[i], new)
-                for row in range(len(s)):
-                    new[row] -= share * basis[i, row]
+        for i in range(2 * size):
+            new -= _dot(basis[i % size], new) * basis[i % size]
         rest = np.sqrt(_dot(new, new))
         if rest > 1e-13 * length:
             new /= rest
             size += 1
-    projected, loss, shares = np.empty((size, size)), np.empty((size, size)), np.zeros((2, size))
+    projected, shares = np.empty((size, size)), np.zeros((2, size))
     for i in range(size):
         for j in range(i + 1):
-            both = basis[i] * basis[j]
-            projected[i, j] = projected[j, i] = _dot(both, s)
-            loss[i, j] = loss[j, i] = _dot(both, damping)
+            projected[i, j] = projected[j, i] = _dot(basis[i] * basis[j], s)
         # The rows are in the span of the first vectors.
         for r in range(i, 2):
             shares[r, i] = _dot(basis[i], w[r])
-    turn = jacobi(projected)
-    nodes, weights, own = np.empty(size), np.zeros((2, size)), np.zeros(size)
+    nodes, turn = jacobi(projected)
+    weights, own = np.zeros((2, size)), np.empty(size)
     for i in range(size):
-        nodes[i] = projected[i, i]
+        mode = np.zeros(len(s))
         for k in range(size):
-            for r in range(2):
-                weights[r, i] += shares[r, k] * turn[k, i]
-            for j in range(size):
-                own[i] += turn[k, i] * loss[k, j] * turn[j, i]
+            weights[:, i] += shares[:, k] * turn[k, i]
+            mode += turn[k, i] * basis[k]
+        own[i] = _dot(mode * mode, damping)
     order = np.argsort(-nodes)
     return nodes[order], own[order], weights[:, order]
 
 
 @kernel
-def jacobi(matrix: Array) -> Array:
-    """Diagonalise a symmetric matrix, (n, n), in place; return its eigenvectors, one a column.
+def jacobi(matrix: Array) -> tuple[Array, Array]:
+    """Eigenvalues, (n,), and eigenvectors, (n, n), one a column, of a symmetric matrix.
 
     Small couplings keep their relative accuracy, such as that of normal and tangential motion of an upright rig:
     LAPACK's would be rounding of the largest (Demmel and Veselic, SIAM J. Matrix Anal. 13, 1992, 1204-1245).
     """
-    n = len(matrix)
-    turn = np.eye(n)
+    n, done = len(matrix), False
+    both = np.vstack((matrix, np.eye(n)))
     for _ in range(30):
+        if done:
+            break
         done = True
         for i in range(n):
             for j in range(i + 1, n):
-                off = matrix[i, j]
-                if abs(off) <= 1e-30 * np.sqrt(abs(matrix[i, i] * matrix[j, j])) or off == 0.0:
+                off = both[i, j]
+                if abs(off) <= 1e-30 * np.sqrt(abs(both[i, i] * both[j, j])) or off == 0.0:
                     continue
                 done = False
-                slope = 0.5 * (matrix[j, j] - matrix[i, i]) / off
+                slope = 0.5 * (both[j, j] - both[i, i]) / off
                 tangent = (1.0 if slope >= 0.0 else -1.0) / (abs(slope) + np.hypot(1.0, slope))
                 cosine = 1.0 / np.hypot(1.0, tangent)
                 sine = tangent * cosine
-                matrix[i, i] -= tangent * off
-                matrix[j, j] += tangent * off
-                matrix[i, j] = matrix[j, i] = 0.0
+                for k in range(2 * n):
+                    x, y = both[k, i], both[k, j]
+                    both[k, i], both[k, j] = cosine * x - sine * y, sine * x + cosine * y
                 for k in range(n):
-                    if k != i and k != j:
-                        x, y = matrix[k, i], matrix[k, j]
-                        matrix[k, i] = matrix[i, k] = cosine * x - sine * y
-                        matrix[k, j] = matrix[j, k] = sine * x + cosine * y
-                    x, y = turn[k, i], turn[k, j]
-                    turn[k, i], turn[k, j] = cosine * x - sine * y, sine * x + cosine * y
-        if done:
-            break
-    return turn
+                    x, y = both[i, k], both[j, k]
+                    both[i, k], both[j, k] = cosine * x - sine * y, sine * x + cosine * y
+                both[i, j] = both[j, i] = 0.0
+    return np.diag(both[:n]).copy(), both[n:]
 
 
 @kernel
 def compressed(p: Array, c: Array, g: Array, far: NDArray[np.bool_], blocks: int) -> tuple[Array, Array, Array]:
     """Modes p, c, (n,), and g, (2, n), with those that are `far`, (n,), replaced by at most 2 blocks."""
-    others, near = np.flatnonzero(far), np.flatnonzero(~far)
-    if len(others) <= 2 * blocks:
+    if np.sum(far) <= 2 * blocks:
         return p, c, g
-    s, damping, w = np.empty(len(others)), np.empty(len(others)), np.empty((2, len(others)))
-    for k in range(len(others)):
-        i = others[k]
-        s[k], damping[k] = 1.0 / p[i], c[i] / p[i]
-        w[0, k], w[1, k] = g[0, i] * np.sqrt(s[k]), g[1, i] * np.sqrt(s[k])
-    nodes, lost, weights = lanczos(s, damping, w, blocks)
-    size = len(near) + len(nodes)
-    stiffness, dashpots, gaps = np.empty(size), np.empty(size), np.empty((2, size))
-    for k in range(len(near)):
-        i = near[k]
-        stiffness[k], dashpots[k], gaps[0, k], gaps[1, k] = p[i], c[i], g[0, i], g[1, i]
-    for k in range(len(near), size):
-        i = k - len(near)
-        stiffness[k] = 1.0 / max(nodes[i], STATIC_NODE * nodes[0])
-        dashpots[k] = lost[i] * stiffness[k]
-        gaps[0, k], gaps[1, k] = weights[0, i] * np.sqrt(stiffness[k]), weights[1, i] * np.sqrt(stiffness[k])
-    return stiffness, dashpots, gaps
+    s, near = 1.0 / p[far], ~far
+    nodes, lost, weights = lanczos(s, c[far] * s, g[:, far] * np.sqrt(s), blocks)
+    stiffness = 1.0 / np.maximum(nodes, STATIC_NODE * nodes[0])
+    gaps = np.concatenate((g[:, near], weights * np.sqrt(stiffness)), axis=1)
+    return np.append(p[near], stiffness), np.append(c[near], lost * stiffness), gaps
 
 
 @one_blas_thread()
