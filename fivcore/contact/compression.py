@@ -123,17 +123,19 @@ def compressed(p: Array, c: Array, g: Array, far: NDArray[np.bool_], blocks: int
 
 
 @one_blas_thread()
-def interpolated(p: Array, c: Array, residues: Array) -> tuple[Array, Array, Array]:
-    """Some of the modes p, c, (m,), and residues (3, k) in place of those of all, (3, m), whatever their damping.
+def interpolated(p: Array, c: Array, residues: Array, far: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+    """Modes p, c, (n,), and residues (3, n) with some of those that are `far` for all, whatever their damping.
 
     In units of the band, sum residues / (p + c phi + phi^2) stays as it is to rounding of its terms at rest.
     """
-    share = np.sqrt((residues**2).sum(axis=0)) / p
-    p, c, residues, share = (each[..., share > 0.0] for each in (p, c, residues, share))
-    responses = share / (1.0 + CIRCLE * ((c + CIRCLE) / p))
+    unit = np.sqrt((residues**2).sum(axis=0))
+    near, beyond = np.flatnonzero(~far), np.flatnonzero(far & (unit > 0.0))
+    share = unit[beyond] / p[beyond]
+    responses = share / (1.0 + CIRCLE * ((c[beyond] + CIRCLE) / p[beyond]))
     triangle, order = qr(np.vstack([responses.real, responses.imag]), mode="r", pivoting=True)
     size = int(np.sum(np.abs(np.diag(triangle)) > EPS * share.sum()))
-    kept, weights = order[:size], np.eye(size, len(p))
+    weights, beyond = np.eye(size, len(beyond)), beyond[order]
     weights[:, size:] = solve_triangular(triangle[:size, :size], triangle[:size, size:])
-    unit = share * p
-    return p[kept], c[kept], (residues / unit)[:, order] @ weights.T * unit[kept]
+    kept = np.append(near, beyond[:size])
+    some = (residues[:, beyond] / unit[beyond]) @ weights.T * unit[beyond[:size]]
+    return p[kept], c[kept], np.hstack([residues[:, near], some])

@@ -15,7 +15,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import linalg, optimize, sparse
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigs, splu
 
 from fivcore import checks
@@ -79,12 +79,12 @@ class _Problem:
     def matrices(self, mu: float) -> list[Any]:
         """M, C, K and Kf at this mu, checked."""
         mass, *others = (part(mu) if callable(part) else part for part in self.parts)
-        mass = checks.square_matrix("mass", mass)
+        mass = sparse.csr_array(checks.square_matrix("mass", mass))
         if (most := abs(mass - mass.T).max()) > 1e-10 * abs(mass).max():
             raise InputError(f"mass differs from its transpose by {most:g}: it must be symmetric")
         for place, name in enumerate(("damping", "stiffness", "friction_stiffness")):
             value = 0.0 * mass if others[place] is None and name != "stiffness" else others[place]
-            others[place] = checks.square_matrix(name, value, mass.shape[0])
+            others[place] = sparse.csr_array(checks.square_matrix(name, value, mass.shape[0]))
         return [mass, *others]
 
     def inside(self, lam: Complex, margin: float = 1.0) -> Any:

@@ -97,11 +97,12 @@ def band_modes(own: Structure, fmax: float, falling: bool = False) -> BandModes:
     p, c, g = p[order], c[order], g[:, order]
     new = np.diff(p, prepend=-np.inf) > 4.0 * EPS * p
     new |= np.abs(np.diff(c, prepend=-np.inf)) > 4.0 * EPS * np.maximum(c, np.sqrt(p))
-    starts = np.flatnonzero(new)
-    for first, number in zip(starts, np.diff(starts, append=len(p)), strict=True):
+    for same in np.split(np.arange(len(p)), np.flatnonzero(new)[1:]):
         # Of modes with one pole, two combinations move the gaps: one both, one the tangential gap alone.
-        if number > 1:
-            g[:, first : first + number] = _two_of(g[:, first : first + number])
+        if len(same) > 1:
+            first = slice(None, None, 1 if g[0, same].any() else -1)
+            turned = np.asarray(np.linalg.qr(g[first, same].T, mode="r")).T[first]
+            g[:, same] = np.pad(turned, ((0, 0), (0, len(same) - 2)))
     # A mode with a node at the contact keeps its exponents: its root is nearer to the pole than rounding.
     compliance = (g[:, p > 0.0] ** 2 / p[p > 0.0]).sum(axis=1, keepdims=True)
     felt, moved = np.abs(g) * (np.abs(g) if falling else np.abs(g).max(axis=0)) > 1e-17 * compliance * p
@@ -120,28 +121,13 @@ def band_modes(own: Structure, fmax: float, falling: bool = False) -> BandModes:
             )
         away = np.zeros(len(p))
     few = compressed(p, c, g, away > NEAR, FEW)
+    far = away > FAR
     if rayleigh:
-        p, c, g = compressed(p, c, g, away > FAR, BLOCKS)
-        residues = g[[0, 0, 1]] * g[[0, 1, 1]]
-    else:
-        residues, beyond = g[[0, 0, 1]] * g[[0, 1, 1]], away > FAR
-        if beyond.sum() > 2 * BLOCKS:
-            some = interpolated(p[beyond], c[beyond], residues[:, beyond])
-            p, c, residues = (
-                np.concatenate([each[..., ~beyond], more], axis=-1)
-                for each, more in zip((p, c, residues), some, strict=True)
-            )
+        p, c, g = compressed(p, c, g, far, BLOCKS)
+    residues = g[[0, 0, 1]] * g[[0, 1, 1]]
+    if not rayleigh and far.sum() > 2 * BLOCKS:
+        p, c, residues = interpolated(p, c, residues, far)
     return BandModes(omega, largest, p, c, residues, few, hidden, None if falling else rayleigh)
-
-
-def _two_of(g: Array) -> Array:
-    """Gap shapes (2, m) of modes with one pole, turned so that all but two, or one, are zero."""
-    turned, size = np.zeros_like(g), np.hypot.reduce(g[0])
-    along = g[0] if size > 0.0 else g[1]
-    along = along / max(np.hypot.reduce(along), 1e-300)
-    both = along @ g[1]
-    turned[0, 0], turned[1, :2] = size, (both, np.hypot.reduce(g[1] - both * along))
-    return turned
 
 
 def pair(p: Any, c: Any) -> Complex:

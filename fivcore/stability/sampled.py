@@ -162,11 +162,8 @@ def sampled_crossings(
             n = int(np.argmin(np.abs(p + x * (c + x))))
             for value, root, _ in candidates(complex(x), n):
                 if abs(root.imag) <= 1e-9 * abs(root) and low < value <= high:
-                    if x == 0.0:
-                        onsets.append((value, ARC + 2.0, float(np.sign(samples[0, 1]))))
-                        continue
-                    near = [each for _, each, _ in candidates(complex(x * (1.0 - 1e-6)), n)]
-                    beside = min(near, key=lambda z: abs(z - root))
+                    inside = [each for _, each, _ in candidates(complex(x * (1.0 - 1e-6) or 1e-6), n)]
+                    beside = min(inside, key=lambda z: abs(z - root))
                     onsets.append((value, ARC, way * float(np.sign(beside.real - root.real))))
         for start, end, n in intervals(samples, system):
             rising = crossing_function(end, n, *system, 1.0) > 0.0

@@ -135,16 +135,16 @@ def sliding_modes(
     band = checks.band(fmax)
     angles = checks.array("theta", theta, lambda each: checked_theta("rig", rig, each))
     frictions = checks.array("mu", mu, checks.friction)
-    try:
-        angles, frictions = np.broadcast_arrays(angles, frictions)
-    except ValueError:
-        raise InputError(f"mu of shape {frictions.shape}: it must broadcast with theta, {angles.shape}") from None
     V, F = checked_sliding(friction, V, F)
-    try:
-        shape = np.broadcast_shapes(angles.shape, *(each.shape for each in (V, F) if each is not None))
-    except ValueError:
-        shapes = f"{np.shape(V)} and {np.shape(F)}"
-        raise InputError(f"V and F of shapes {shapes}: they must broadcast with {angles.shape}") from None
+    names, shape = "theta", angles.shape
+    for name, each in (("mu", frictions), ("V", V), ("F", F)):
+        try:
+            shape = np.broadcast_shapes(shape, () if each is None else each.shape)
+        except ValueError:
+            raise InputError(
+                f"{name} of shape {np.shape(each)}: it must broadcast with {names}, {shape}"
+            ) from None
+        names += f", {name}"
     angles, frictions = (np.broadcast_to(each, shape).copy() for each in (angles, frictions))
     V, F = (None if each is None else np.broadcast_to(each, shape).copy() for each in (V, F))
     m, k = frictions.ravel() * friction.kinetic_ratio, np.zeros(frictions.size)

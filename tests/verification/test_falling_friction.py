@@ -262,7 +262,10 @@ WRONG = {
     r"^F is missing: ": (flutter_onsets, {"V": 1.0}),
     r"^V = -1.0: it must be a speed from ": (sliding_modes, {"V": -1.0, "F": 1.0}),
     r"^F = 0.0: it must be a load from ": (flutter_onsets, {"V": 1.0, "F": 0.0}),
-    r"^V and F of shapes \(2,\) and \(3,\): they must": (sliding_modes, {"V": [1.0] * 2, "F": [1.0] * 3}),
+    r"^F of shape \(3,\): it must broadcast with theta, mu, V, \(2,\)$": (
+        sliding_modes,
+        {"V": [1.0] * 2, "F": [1.0] * 3},
+    ),
     r"^V of shape \(2,\): it must be one number$": (flutter_onsets, {"V": [1.0, 2.0], "F": 1.0}),
     r"^friction = 'Stribeck': it must be a Friction$": (sliding_modes, {"friction": "Stribeck"}),
 }
