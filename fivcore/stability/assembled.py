@@ -67,7 +67,7 @@ class _Problem:
     """The matrices at any mu, and the basis. Modes are columns of an array: lam, residual, error, d lam / d mu."""
 
     def __init__(self, mu: float, fmax: float, *parts: Any) -> None:
-        self.band, self.parts = 2.0 * np.pi * checks.band(fmax), parts
+        self.band, self.parts, self.fixed = 2.0 * np.pi * checks.band(fmax), parts, list[Any]()
         mass, _, stiffness, _ = self.matrices(mu)
         # The unit of lam: the band, unless all eigenvalues are far below it.
         scale = np.sqrt(abs(stiffness).max() / (abs(mass).max() or 1.0)) or self.band
@@ -78,14 +78,18 @@ class _Problem:
 
     def matrices(self, mu: float) -> list[Any]:
         """M, C, K and Kf at this mu, checked."""
-        mass, *others = (part(mu) if callable(part) else part for part in self.parts)
-        mass = sparse.csr_array(checks.square_matrix("mass", mass))
+        if self.fixed:
+            return self.fixed
+        found: list[Any] = []
+        for name, part in zip(("mass", "damping", "stiffness", "friction_stiffness"), self.parts, strict=True):
+            value = part(mu) if callable(part) else part
+            value = 0.0 * found[0] if value is None and name in ("damping", "friction_stiffness") else value
+            found.append(sparse.csr_array(checks.square_matrix(name, value, found[0].shape[0] if found else None)))
+        mass = found[0]
         if (most := abs(mass - mass.T).max()) > 1e-10 * abs(mass).max():
             raise InputError(f"mass differs from its transpose by {most:g}: it must be symmetric")
-        for place, name in enumerate(("damping", "stiffness", "friction_stiffness")):
-            value = 0.0 * mass if others[place] is None and name != "stiffness" else others[place]
-            others[place] = sparse.csr_array(checks.square_matrix(name, value, mass.shape[0]))
-        return [mass, *others]
+        self.fixed = [] if any(map(callable, self.parts)) else found
+        return found
 
     def inside(self, lam: Complex, margin: float = 1.0) -> Any:
         top = margin * self.band
@@ -115,7 +119,7 @@ class _Problem:
     def project(self, mu: float) -> Complex:
         """Modes of the projected problem in the region and its margin."""
         given = self.matrices(mu)
-        if not self.small or any(map(callable, self.parts)):
+        if not self.small or not self.fixed:
             self.small = [self.basis.T @ (matrix @ self.basis) for matrix in given]
         # Inversion at a real shift: eigenvalues up to its size are accurate whatever the largest ones.
         shift, (m, c, k, f), size = 1.1 * self.unit, self.small, self.basis.shape[1]

@@ -73,16 +73,12 @@ class BandModes:
     rayleigh: tuple[float, float] | None
 
 
-def damped_by_mode(own: Structure, fmax: float) -> bool:
-    """Whether damping by mode changes exponents in the band."""
-    return own.rayleigh is None and bool(own.damping.max() > FAINT * 2.0 * np.pi * fmax)
-
-
 @lru_cache(maxsize=128)
 def band_modes(own: Structure, fmax: float, falling: bool = False) -> BandModes:
     """The modes of a structure in a band, cached; `falling` keeps those that move the tangential gap alone."""
     omega = 2.0 * np.pi * fmax
-    rayleigh = None if damped_by_mode(own, fmax) else (own.d1 / omega, own.d2 * omega)
+    modal = own.rayleigh is None and own.damping.max() > FAINT * omega
+    rayleigh = None if modal else (own.d1 / omega, own.d2 * omega)
     p, c, g = own.stiffness / omega**2, own.damping / omega, np.stack([own.normal, own.tangential]) / omega
     # Static modes are compliance alone in any band.
     further = np.maximum(1.0 / (STATIC_NODE * p[len(own.frequency) :]), 1.0)
@@ -299,18 +295,18 @@ def newton_step(z: complex, p: Array, c: Array, power: float, rows: Array, count
 @kernel
 def polished(
     inverse: Complex,
-    shifts: Array,
+    shift: Array,
     m: Array,
     k: Array,
     p: Array,
     c: Array,
     residues: Array,
     power: float,
-    largest: float,
+    top: float,
 ) -> Complex:
     """Roots z = shift + 1 / inverse, (points, any), to rounding by Newton steps; first those listed, then NaN.
 
-    Listed are those with |z| up to `largest` and Im(z) from 0 to 1, or without `power` all and their conjugates. A
+    Listed are those with |z| up to `top` and Im(z) from 0 to 1, or without `power` all and their conjugates. A
     root that would go far stays where it was.
     """
     rows, gaps = np.empty((4, len(p))), np.empty(len(p), np.complex128)
@@ -321,8 +317,8 @@ def polished(
             rows[0, i] = residues[0, i] + m[point] * residues[1, i]
             rows[1, i], rows[2, i], rows[3, i] = residues[0, i], root * residues[1, i], k[point] * residues[2, i]
         for beta in inverse[point]:
-            start = shifts[point] + (1.0 / beta if beta != 0.0 else np.inf)
-            if not (0.0 <= power * start.imag <= MARGIN and start.imag >= 0.0 and abs(start) <= MARGIN * largest):
+            start = shift[point] + (1.0 / beta if beta != 0.0 else np.inf)
+            if not (0.0 <= power * start.imag <= MARGIN and start.imag >= 0.0 and abs(start) <= MARGIN * top):
                 continue
             here, last = start, np.inf
             for turn in range(30):

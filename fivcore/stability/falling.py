@@ -7,7 +7,6 @@ friction with speed acts as a negative damper. Exponents are those of `exponents
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,10 +18,11 @@ from fivcore.friction import Friction
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig, Scene
 from fivcore.stability.exponents import band_modes
-from fivcore.stability.sampled import FrictionPath, coulomb_crossings, sampled_crossings
+from fivcore.stability.sampled import Along, FrictionPath, coulomb_crossings, sampled_crossings
 from fivcore.structure import Structure, structure_of
 
-SPEED, LOAD = "a speed from 1e-100 to 1e+100 m/s", "a load from 1e-100 to 1e+100 N"
+# Of speed, m/s, and load, N.
+LIMITS = 1e-100, 1e100
 
 
 def wedging(own: Structure) -> float:
@@ -77,7 +77,7 @@ def falling_crossings(
     if squared:
         m1, power = 0.0, 1.0
     path = FrictionPath(m0, m1, f, fall * own.preload * modes.omega, power)
-    return sampled_crossings(modes, path, low, high, value_of, at, name)
+    return sampled_crossings(modes, path, low, high, Along(name, value_of, at))
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ def sliding_onsets(scene: Scene, parameter: str, low: float, high: float, fmax: 
     """
     checks.instance("scene", scene, Scene)
     checks.choice("parameter", parameter, ("mu", "V", "F"))
-    limits = {"mu": (0.0, 1e6, "1"), "V": (1e-100, 1e100, "m/s"), "F": (1e-100, 1e100, "N")}[parameter]
+    limits = {"mu": (0.0, 1e6, "1"), "V": (*LIMITS, "m/s"), "F": (*LIMITS, "N")}[parameter]
     start, band = checks.between("low", low, *limits), checks.band(fmax)
     end = checks.number(
         "high", high, f"above low = {start:g}, up to {limits[1]:g}", lambda x: start < x <= limits[1]
@@ -153,8 +153,10 @@ def checked_sliding(friction: Friction, V: Any, F: Any) -> tuple[Array | None, A
     if not friction.constant and (V is None or F is None):
         missing = "V" if V is None else "F"
         raise InputError(f"{missing} is missing: where friction falls with the speed give V (m/s) and F (N)")
-    given = []
-    for name, value, allowed in (("V", V, SPEED), ("F", F, LOAD)):
-        each = partial(checks.number, name, allowed=allowed, accept=lambda x: 1e-100 <= x <= 1e100)
-        given.append(None if value is None else checks.array(name, value, each))
-    return given[0], given[1]
+
+    def checked(name: str, value: Any, unit: str) -> Array | None:
+        return (
+            None if value is None else checks.array(name, value, lambda x: checks.between(name, x, *LIMITS, unit))
+        )
+
+    return checked("V", V, "m/s"), checked("F", F, "N")

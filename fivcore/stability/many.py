@@ -62,30 +62,22 @@ class FlutterOnsets(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class ManyFlutterOnsets(ReadOnlyArrays):
+class ManyFlutterOnsets(FlutterOnsets):
     """Flutter onsets of n rigs, each rig's ascending in mu and followed by NaN; arrays are read-only.
 
     Attributes
     ----------
     mu, frequency, recovery_mu, recovery_frequency, entry_mu : ndarray, (n, any)
-        As for `FlutterOnsets`.
     divergence_mu : ndarray, (n,)
-        Least friction at which a motion grows without oscillation, at no more than twice the band's angular
-        frequency; NaN if that is above mu_max. A flutter pair ceases to oscillate there, or a real eigenvalue
-        enters from beyond the band: none passes zero, where P1's rigid mode has a pole that friction does not
-        change.
+        As for `FlutterOnsets`. A flutter pair ceases to oscillate there, or a real eigenvalue enters from beyond
+        the band: none passes zero, where P1's rigid mode has a pole that friction does not change.
     change_mu, change : ndarray, (n, any)
         Friction at which the number of growing eigenvalues in the band changes, and by how much: by 2 for a
         pair, by 1 for a real one.
     mu_max : float
     """
 
-    mu: Array
-    frequency: Array
-    recovery_mu: Array
-    recovery_frequency: Array
-    entry_mu: Array
-    divergence_mu: Array
+    divergence_mu: Array  # type: ignore[assignment]
     change_mu: Array
     change: Array
     mu_max: float
@@ -315,22 +307,15 @@ def contact_poles(row: Array, unit: float, limit: float, upper: Any, lower: Any)
     """
     (mass1, along, across), (mass2, _, bending) = _scales(row[5:10]), _scales(row[10:15])
     modes = upper_modes(row[0], row[2] / mass1, along, across, upper[0], upper[2])
-    deflections, n = lower_deflections(row[1] / row[10], lower[1]), modes.shape[1]
+    deflections = lower_deflections(row[1] / row[10], lower[1])
     # What is rounding beside the largest entry is no coupling, as in `beams.modes`.
-    least1, least2 = 1e-15 * np.abs(modes[1]).max(), 1e-15 * np.abs(deflections).max()
-    size, p, g = 0, np.empty(n + len(deflections)), np.zeros((2, n + len(deflections)))
-    for i in range(n + len(deflections)):
-        square, normal, tangential, mass, least = 0.0, 0.0, 0.0, mass1, least1
-        if i < n:
-            square, normal, tangential = modes[0, i], modes[1, i], modes[2, i]
-        else:
-            square, normal = bending * lower[0][0, len(deflections) // 2 + i - n], -deflections[i - n]
-            mass, least = mass2, least2
-        if abs(normal) > least:
-            root = np.sqrt(mass) * unit
-            p[size], g[0, size], g[1, size] = square / unit**2, normal / root, tangential / root
-            size += 1
-    p, _, few = compressed(p[:size], np.zeros(size), g[:, :size], p[:size] > FAR * limit, BLOCKS)
+    first = np.abs(modes[1]) > 1e-15 * np.abs(modes[1]).max()
+    second = np.abs(deflections) > 1e-15 * np.abs(deflections).max()
+    p = np.append(modes[0][first], bending * lower[0][0, len(deflections) // 2 :][second]) / unit**2
+    g, n = np.zeros((2, len(p))), np.sum(first)
+    g[:, :n] = modes[1:, first] / (np.sqrt(mass1) * unit)
+    g[0, n:] = -deflections[second] / (np.sqrt(mass2) * unit)
+    p, _, few = compressed(p, np.zeros(len(p)), g, p > FAR * limit, BLOCKS)
     return p, few[0] * few[0], few[0] * few[1]
 
 

@@ -44,6 +44,17 @@ class FrictionPath(NamedTuple):
     power: float = 1.0
 
 
+class Along(NamedTuple):
+    """The parameter of a search: its value for x, falling for V alone, and m and k, N s/m, at a value."""
+
+    name: str = "mu"
+    value_of: Callable[[float], float] = float
+    friction_at: Callable[[float], tuple[float, float]] = lambda value: (value, 0.0)
+
+
+MU = Along()
+
+
 @kernel
 def quadratic(
     phi: complex, n: int, p: Array, c: Array, residues: Array, path: FrictionPath
@@ -119,32 +130,16 @@ def coulomb_crossings(own: Structure, fmax: float, ratio: float, mu_max: float) 
     return np.asarray(found / [ratio, 1.0, 1.0])
 
 
-def sampled_crossings(
-    modes: BandModes,
-    path: FrictionPath,
-    low: float,
-    high: float,
-    value_of: Callable[[float], float] = float,
-    friction_at: Callable[[float], tuple[float, float]] = lambda value: (value, 0.0),
-    name: str = "mu",
-) -> Array:
+def sampled_crossings(modes: BandModes, path: FrictionPath, low: float, high: float, along: Along = MU) -> Array:
     """All places where exponents enter or leave the growing ones of the band, (k, 3), ascending.
 
     Value, from `low` to `high`, of the parameter; place on the path of `onsets`; change of the number of growing
     exponents.
-
-    Parameters
-    ----------
-    path : FrictionPath
-    value_of : callable
-        Value of the parameter for x; it rises with x, but falls for the parameter V.
-    friction_at : callable
-        m and k, N s/m, at a value.
     """
     p, c, residues, _ = system = modes.p, modes.c, modes.residues, path
     if not np.any(residues[1]) and not path.fall:
         return np.empty((0, 3))
-    way, poles = -1.0 if name == "V" else 1.0, pair(p, c)
+    way, poles = -1.0 if along.name == "V" else 1.0, pair(p, c)
 
     def candidates(phi: complex, n: int) -> list[tuple[float, complex, complex]]:
         """Values, with the root x and the other one, from the most real root on."""
@@ -152,7 +147,9 @@ def sampled_crossings(
         roots = np.roots(each / max(np.abs(each).max(), 1e-300))
         roots = roots[np.argsort(np.abs(roots.imag / np.where(roots == 0.0, 1.0, roots)))]
         others = roots[::-1] if len(roots) == 2 else 0.0 * roots
-        return [(value_of(float(z.real)), complex(z), complex(w)) for z, w in zip(roots, others, strict=True)]
+        return [
+            (along.value_of(float(z.real)), complex(z), complex(w)) for z, w in zip(roots, others, strict=True)
+        ]
 
     for share in STEPS:
         onsets: list[tuple[float, float, float]] = []
@@ -174,26 +171,20 @@ def sampled_crossings(
                 if low < value <= high:
                     onsets.append((value, omega, 2.0 * way if rising == (other.imag <= 0.0) else -2.0 * way))
         table = np.array(sorted(onsets)).reshape(-1, 3)
-        if counts_agree(modes, friction_at, table, low, high):
+        if counts_agree(modes, along, table, low, high):
             return table
     raise UnsolvedError(
-        f"flutter onsets: those from {name} = {low:g} to {high:g} do not explain which motions grow below"
+        f"flutter onsets: those from {along.name} = {low:g} to {high:g} do not explain which motions grow below"
         f" fmax = {modes.omega / (2.0 * np.pi):g} Hz; other limits or another fmax near it will do"
     )
 
 
-def counts_agree(
-    modes: BandModes,
-    friction_at: Callable[[float], tuple[float, float]],
-    crossings: Array,
-    low: float,
-    high: float,
-) -> bool:
+def counts_agree(modes: BandModes, along: Along, crossings: Array, low: float, high: float) -> bool:
     """Whether crossings explain the number of growing exponents between any two of them."""
     ends = np.concatenate([[low], crossings[:, 0], [high]])
     expected, wide = np.concatenate([[0.0], np.cumsum(crossings[:, 2])]), np.diff(ends) > 1e-9 * ends[1:]
     middles = (0.5 * (ends[:-1] + ends[1:]))[wide].tolist()
-    roots = exponents(modes, *np.array([friction_at(value) for value in middles]).reshape(-1, 2).T)
+    roots = exponents(modes, *np.array([along.friction_at(value) for value in middles]).reshape(-1, 2).T)
     inside = (roots.real > 0.0) & (np.abs(roots) <= LARGEST_PHI) & (roots.imag <= 1.0)
     growing = np.sum(np.where(roots.imag > 0.0, 2.0, 1.0) * inside, axis=1) - expected[wide]
     return bool(np.all(growing == growing[:1]))

@@ -21,7 +21,7 @@ from fivcore.errors import InputError
 from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array, Complex, ReadOnlyArrays
 from fivcore.rig import Rig, Structural, checked_theta
-from fivcore.stability.exponents import band_modes, damped_by_mode, exponents, pair, sliding_shape
+from fivcore.stability.exponents import band_modes, exponents, pair, sliding_shape
 from fivcore.stability.falling import checked_sliding, sliding_point
 from fivcore.structure import structure_of
 
@@ -164,10 +164,11 @@ def sliding_modes(
     for points, modes, roots in solved:
         values[points, : roots.shape[1]] = roots
         uncoupled[points, roots.shape[1] - len(modes.uncoupled) : roots.shape[1]] = True
-    phi, damped = omega * values, not friction.constant or damped_by_mode(structure_of(rig, 0.0), band)
-    if not damped:
-        phi = omega * pair(values, rig.d1 / omega + rig.d2 * omega * values)[0]
-    values = -(phi**2) if damped else omega**2 * values
+    phi, values = omega * values, omega**2 * values
+    if any(modes.rayleigh for _, modes, _ in solved):
+        phi = pair(values, rig.d1 + rig.d2 * values)[0]
+    else:
+        values = -(phi**2)
     phi[(phi.imag > omega) | (np.abs(phi) > 2.0 * omega)] = complex(np.nan, np.nan)
     missing = np.isnan(phi)
     values[missing], uncoupled[missing] = complex(np.nan, np.nan), False

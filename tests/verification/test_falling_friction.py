@@ -260,8 +260,8 @@ BELT = Scene(-1.0, 0.0, 1.0, 1.0, BLOCK, FALLING)
 WRONG = {
     r"^V is missing: where friction falls with the speed give V \(m/s\) and F \(N\)$": (sliding_modes, {"F": 1.0}),
     r"^F is missing: ": (flutter_onsets, {"V": 1.0}),
-    r"^V = -1.0: it must be a speed from ": (sliding_modes, {"V": -1.0, "F": 1.0}),
-    r"^F = 0.0: it must be a load from ": (flutter_onsets, {"V": 1.0, "F": 0.0}),
+    r"^V = -1.0: it must be a number from 1e-100": (sliding_modes, {"V": -1.0, "F": 1.0}),
+    r"^F = 0.0: it must be a number from 1e-100": (flutter_onsets, {"V": 1.0, "F": 0.0}),
     r"^F of shape \(3,\): it must broadcast with theta, mu, V, \(2,\)$": (
         sliding_modes,
         {"V": [1.0] * 2, "F": [1.0] * 3},
