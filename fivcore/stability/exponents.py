@@ -60,7 +60,7 @@ class BandModes:
     uncoupled : ndarray, (any,)
         Exponents of modes with a node at the contact; their lambda where `rayleigh` is given.
     rayleigh : (float, float) or None
-        d1 and d2; None with damping by mode or where friction falls.
+        d1 and d2; None with modal damping or where friction falls.
     """
 
     omega: float
@@ -103,8 +103,8 @@ def band_modes(own: Structure, fmax: float, falling: bool = False) -> BandModes:
     compliance = (g[:, p > 0.0] ** 2 / p[p > 0.0]).sum(axis=1, keepdims=True)
     felt, moved = np.abs(g) * (np.abs(g) if falling else np.abs(g).max(axis=0)) > 1e-17 * compliance * p
     coupled = felt | (moved & falling)
-    hidden = p[~coupled] if rayleigh and not falling else pair(p[~coupled], c[~coupled]).ravel()
-    hidden = hidden[hidden.imag >= 0.0]
+    uncoupled = p[~coupled] if rayleigh and not falling else pair(p[~coupled], c[~coupled]).ravel()
+    uncoupled = uncoupled[uncoupled.imag >= 0.0]
     p, c, g = p[coupled], c[coupled], np.ascontiguousarray(g[:, coupled])
     # Squared distance from the band; that of an overdamped mode is that of its slower exponent.
     away = p / largest if rayleigh else np.abs(pair(p, c)[0]) ** 2
@@ -123,7 +123,7 @@ def band_modes(own: Structure, fmax: float, falling: bool = False) -> BandModes:
     residues = g[[0, 0, 1]] * g[[0, 1, 1]]
     if not rayleigh and far.sum() > 2 * BLOCKS:
         p, c, residues = interpolated(p, c, residues, far)
-    return BandModes(omega, largest, p, c, residues, few, hidden, None if falling else rayleigh)
+    return BandModes(omega, largest, p, c, residues, few, uncoupled, None if falling else rayleigh)
 
 
 def pair(p: Any, c: Any) -> Complex:

@@ -1,4 +1,4 @@
-"""Flutter onsets by sampling: damping by mode, and friction that falls with the speed.
+"""Flutter onsets by sampling: modal damping, and friction that falls with the speed.
 
 On the path of `onsets` around the growing exponents of the band, the characteristic equation is one for a real
 unknown x, the friction or what it follows from, with complex coefficients (D-decomposition: Neimark, 1948). Its

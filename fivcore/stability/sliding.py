@@ -3,7 +3,7 @@
 V > 0: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and the load F only
 where friction falls with the speed (`fivcore.stability.falling`). Proportional damping maps the undamped
 eigenvalue lambda (`fivcore.stability.exponents`) to the pair phi with phi^2 + (d1 + d2 lambda) phi + lambda = 0,
-with static modes damped alike: their compliance is that at rest times 1 / (1 + d2 phi). Damping by mode leaves
+with static modes damped alike: their compliance is that at rest times 1 / (1 + d2 phi). Modal damping leaves
 them undamped.
 """
 
@@ -36,7 +36,7 @@ class SlidingModes(ReadOnlyArrays):
         Im(phi) / 2 pi, Hz, zero for a mode that does not oscillate; Re(phi), 1/s, above zero for a mode that grows
         (the paper's eta with its sign turned). The leading dimensions are those of theta and mu broadcast.
     eigenvalue : ndarray, (..., modes)
-        The undamped eigenvalue lambda, rad2/s2; where there is none, with damping by mode or friction that falls
+        The undamped eigenvalue lambda, rad2/s2; where there is none, with modal damping or friction that falls
         with the speed, -phi^2.
     uncoupled : ndarray of bool, (..., modes)
         Whether the mode has a node at the contact, so that friction does not change it.
@@ -105,7 +105,7 @@ def sliding_modes(
 ) -> SlidingModes:
     """Complex modes of the steady sliding state for V > 0 (equations (10) to (12) of the paper).
 
-    Eigenvalues are those of the finite-element model with all its modes, without truncation. With damping by mode
+    Eigenvalues are those of the finite-element model with all its modes, without truncation. With modal damping
     or friction that falls with the speed every real one is listed, else of the two real ones that an undamped
     eigenvalue has the larger.
 
