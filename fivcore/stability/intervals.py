@@ -2,15 +2,16 @@
 
 Points of neighbouring samples, all flutter onsets or growing modes at an angle of a fine grid, are linked where
 each is the nearest to the other. Where a point has no counterpart the interval is halved until its branch ends
-there. Extremes along a branch are bracketed (Brent, Algorithms for Minimization without Derivatives, 1973).
+there. Roots and extremes along a branch are bracketed (Brent, Algorithms for Minimization without Derivatives,
+1973).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain, pairwise
+from itertools import chain, groupby, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,8 +25,8 @@ from fivcore.rig import Rig
 from fivcore.stability.many import crossings, rig_table
 from fivcore.stability.sliding import sliding_modes
 
-# Largest distance of linked points, and of an end of a branch from what ends it; see `Point.place`.
-REACH, CLOSE = 0.3, 0.1
+# Largest distance of linked points; see `Point.place`.
+REACH = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,11 +130,25 @@ def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) 
     if angles.ndim != 1 or not len(angles) or np.any(np.diff(angles) <= 0.0):
         raise InputError(f"theta of shape {angles.shape}: it must be a list of ascending angles, each once")
     band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
-    curves = []
-    for branch in _branches(partial(_onsets, rig, band, most), angles, (band, most)):
-        at, mu, frequency = np.array([point[:3] for point in branch]).T.copy()
-        lowest, ends = min(branch, key=lambda point: point.level), (branch[0].end, branch[-1].end)
-        curves.append(OnsetCurve(at, mu, frequency, branch[0].destabilising, ends, lowest[:3]))
+    sample, curves = partial(_onsets, rig, band, most), []
+    for branch in _branches(sample, angles):
+        points = list(branch)
+        for p, q in pairwise(branch):
+            if p.outside != q.outside:
+                at = _root(sample, p, q, lambda at: max(at.level / most, at.frequency / band) - 1.0)
+                if at.level / most > at.frequency / band:
+                    points.append(at._replace(outside=False, level=most, end="mu_max"))
+                else:
+                    points.append(at._replace(outside=False, frequency=band, end="fmax"))
+        parts = [
+            list(part) for outside, part in groupby(sorted(points), lambda point: point.outside) if not outside
+        ]
+        for part in parts:
+            lowest = min(part, key=lambda point: point.level)
+            at, mu, frequency = np.array([point[:3] for point in part]).T.copy()
+            curves.append(
+                OnsetCurve(at, mu, frequency, part[0].destabilising, (part[0].end, part[-1].end), lowest[:3])
+            )
     curves.sort(key=lambda curve: curve.lowest[2])
     onsets, recoveries = (
         tuple(curve for curve in curves if curve.destabilising is kind) for kind in (True, False)
@@ -177,14 +192,13 @@ def unstable_windows(
     # Onsets well above the friction belong to branches that may dip to it between two samples.
     onsets = partial(_onsets, rig, band, 4.0 * friction)
     stops = set(_dense(angles, 0.5))
-    for branch in _branches(onsets, angles, (band, 4.0 * friction)) if friction > 0.0 else []:
-        for pair in pairwise(branch):
-            if (pair[0].level > friction) != (pair[1].level > friction):
-                excess = partial(lambda near, x: _locate(onsets, near, x).level - friction, pair)
-                theta = brentq(excess, pair[0].theta, pair[1].theta, xtol=1e-14)
+    for branch in _branches(onsets, angles) if friction > 0.0 else []:
+        for p, q in pairwise(branch):
+            if (p.level > friction) != (q.level > friction):
+                theta = _root(onsets, p, q, lambda at: at.level - friction).theta
                 stops |= {theta - 1e-8, theta + 1e-8}
     inside, windows = [theta for theta in sorted(stops) if first <= theta <= last], []
-    for modes in _follow(growing, inside, 1e-11, None):
+    for modes in _follow(growing, inside, growing(inside), 1e-11, False):
         k = int(np.argmax([mode.level for mode in modes]))
         best = _extreme(growing, modes[max(k - 1, 0) : k + 2], 1.0)
         peak = max(modes[0], modes[-1], best, key=lambda mode: mode.level)
@@ -210,6 +224,8 @@ class Point(NamedTuple):
     place: complex
     # False for a recovery; only points of one kind are linked.
     destabilising: bool = True
+    # Beyond the limits of interest, where a branch ends for a reason of no interest.
+    outside: bool = False
     # Why a branch ends here.
     end: str = "range"
 
@@ -217,15 +233,14 @@ class Point(NamedTuple):
 Points = list[Point]
 Pairs = list[tuple[Point, Point]]
 Sampler = Callable[[list[float]], list[Points]]
-# fmax, Hz, and mu_max, at which branches of onsets end; None: a branch ends with its last point.
-Limits = tuple[float, float] | None
 
 
-def _onsets(rig: Rig, fmax: float, mu_max: float, angles: list[float]) -> list[Points]:
-    """Onsets and recoveries at angles."""
-    found, _ = crossings(rig_table({"theta": angles}, rig), fmax, mu_max, rig)
+def _onsets(rig: Rig, fmax: float, mu_max: float, angles: list[float], *, exact: bool = False) -> list[Points]:
+    """Onsets and recoveries at angles up to the limits if `exact`, else beyond, to bracket where branches pass."""
+    band, most = (fmax, mu_max) if exact else (1.1 * fmax, 2.0 * mu_max)
+    found, _ = crossings(rig_table({"theta": angles}, rig), band, most, rig)
     samples = [list[Point]() for _ in angles]
-    for place, row, mu, change in sorted(found[[2, 0, 1, 3]].T[found[2] <= fmax].tolist()):
+    for place, row, mu, change in sorted(found[[2, 0, 1, 3]].T[found[2] <= band].tolist()):
         points, destabilising = samples[int(row)], change > 0.0
         # This close to a fold they are one zero and its rounding.
         if points and points[-1].destabilising != destabilising and place - points[-1].frequency < 1e-8 * place:
@@ -233,7 +248,7 @@ def _onsets(rig: Rig, fmax: float, mu_max: float, angles: list[float]) -> list[P
             continue
         # A distance of 1 is a tenth of the frequency or a factor of e in friction.
         at = complex(10.0 * np.log(place), np.log(mu))
-        points.append(Point(angles[int(row)], mu, place, at, destabilising))
+        points.append(Point(angles[int(row)], mu, place, at, destabilising, mu > mu_max or place > fmax))
     return samples
 
 
@@ -248,10 +263,13 @@ def _growing(rig: Rig, mu: float, fmax: float, angles: list[float]) -> list[Poin
     return samples
 
 
-def _branches(sample: Sampler, theta: Array, limits: Limits) -> list[Points]:
+def _branches(sample: partial[list[Points]], theta: Array) -> list[Points]:
     """Every branch at ascending angles, with its folds and the extremes of its friction."""
-    branches = []
-    for branch in _follow(sample, _dense(theta, 0.2), 1e-10, limits):
+    angles = _dense(theta, 0.2)
+    samples, branches = sample(angles, exact=True), []
+    if len(angles) == 1:
+        return [[point] for point in samples[0]]
+    for branch in _follow(sample, angles, samples, 1e-9, True):
         # An extreme may also be in the first interval or in the last.
         near = [branch[:2], branch[-2:], *(branch[k : k + 3] for k in range(len(branch) - 2))]
         extremes = {_extreme(sample, part, sign) for part in near for sign in (-1.0, 1.0) if _bends(part, sign)}
@@ -261,8 +279,8 @@ def _branches(sample: Sampler, theta: Array, limits: Limits) -> list[Points]:
 
 def _bends(part: Points, sign: float) -> bool:
     """Whether two points are an end of the range, or the middle one of three is the largest or the least."""
-    if len(part) < 3:
-        return all(point.end == "range" for point in part)
+    if len(part) == 2:
+        return not any(point.outside or point.end == "fold" for point in part)
     return sign * part[1].level > max(sign * part[0].level, sign * part[2].level)
 
 
@@ -281,29 +299,30 @@ def _table(theta: Array, curves: tuple[OnsetCurve, ...]) -> Array:
     return table
 
 
-def _follow(sampler: Sampler, angles: list[float], least: float, limits: Limits) -> list[Points]:
+def _follow(
+    sampler: Sampler, angles: list[float], samples: list[Points], least: float, folds: bool
+) -> list[Points]:
     """Branches through samples at ascending angles; ends are between angles at most `least` degrees apart."""
-    samples = sampler(angles)
-    branches = {point: [point] for point in samples[0]}
+    branches: dict[Point, Points] = {}
     for left, right in pairwise(zip(angles, samples, strict=True)):
-        for first, second in _link(sampler, left, right, least, limits):
+        for first, second in _link(sampler, left, right, least, folds):
             branches[second] = [*branches.pop(first, [first]), second]
     return list(branches.values())
 
 
-def _link(sampler: Sampler, left: Any, right: Any, least: float, limits: Limits) -> Pairs:
+def _link(sampler: Sampler, left: Any, right: Any, least: float, folds: bool) -> Pairs:
     """Pairs of neighbours on each branch between two samples, which are an angle and its points."""
     pairs = [(p, q) for p in left[1] for q in _nearest(p, right[1]) if _nearest(q, left[1])[0] is p]
     pairs = [(p, q) for p, q in pairs if abs(q.place - p.place) <= REACH]
     linked, middle = set(chain.from_iterable(pairs)), 0.5 * (left[0] + right[0])
-    before, after = ([p for p in points if p not in linked] for _, points in (left, right))
+    before, after = ([p for p in points if p not in linked and not p.outside] for _, points in (left, right))
     if not before and not after:
         return pairs
     if right[0] - left[0] > least:
         between = middle, sampler([middle])[0]
-        return [*_link(sampler, left, between, least, limits), *_link(sampler, between, right, least, limits)]
-    ends = [(p, _end(p, before, middle, limits)) for p in before]
-    return pairs + ends + [(_end(p, after, middle, limits), p) for p in after]
+        return [*_link(sampler, left, between, least, folds), *_link(sampler, between, right, least, folds)]
+    ends = [(p, _end(p, left[1], linked, middle, folds)) for p in before]
+    return pairs + ends + [(_end(p, right[1], linked, middle, folds), p) for p in after]
 
 
 def _nearest(p: Point, points: Points) -> Points:
@@ -312,24 +331,19 @@ def _nearest(p: Point, points: Points) -> Points:
     return [min(same, key=lambda q: abs(q.place - p.place))] if same else []
 
 
-def _end(p: Point, others: Points, theta: float, limits: Limits) -> Point:
-    """The end at `theta` of the branch of p: a limit, or a fold, where it meets one of the other kind."""
-    if limits is None:
+def _end(p: Point, points: Points, linked: set[Point], theta: float, folds: bool) -> Point:
+    """The end at `theta` of the branch of p: a fold, where it meets the nearest point of the other kind, or p."""
+    if not folds:
         return p._replace(theta=theta)
-    fmax, mu_max = limits
-    ends = [(np.log(mu_max / p.level), p._replace(level=mu_max, end="mu_max"))]
-    ends += [(10.0 * np.log(fmax / p.frequency), p._replace(frequency=fmax, end="fmax"))]
-    for q in others:
-        if q.destabilising != p.destabilising:
-            mu, frequency = 0.5 * (p.level + q.level), 0.5 * (p.frequency + q.frequency)
-            ends.append((abs(q.place - p.place), p._replace(level=mu, frequency=frequency, end="fold")))
-    distance, end = min(ends, key=lambda each: each[0])
-    if distance > CLOSE:
+    others = [q for q in points if q.destabilising != p.destabilising and q not in linked]
+    if not others:
         raise UnsolvedError(f"theta = {theta:.9g}: onsets near it cannot be separated; leave it out")
-    return end._replace(theta=theta)
+    q = min(others, key=lambda q: abs(q.place - p.place))
+    mu, frequency = 0.5 * (p.level + q.level), 0.5 * (p.frequency + q.frequency)
+    return p._replace(theta=theta, level=mu, frequency=frequency, end="fold")
 
 
-def _locate(sampler: Sampler, near: Sequence[Point], theta: float) -> Point:
+def _locate(sampler: Sampler, near: Points, theta: float) -> Point:
     """The point at `theta` of the branch that passes through some neighbours, ascending in theta."""
     place = np.interp(theta, [point.theta for point in near], [point.place for point in near])
     same_angle = [point for point in near if point.theta == theta]
@@ -337,6 +351,12 @@ def _locate(sampler: Sampler, near: Sequence[Point], theta: float) -> Point:
     if not points:
         raise UnsolvedError(f"theta = {theta:.9g}: a branch is lost between two angles at which it is known")
     return min(points, key=lambda point: abs(point.place - place))
+
+
+def _root(sampler: Sampler, p: Point, q: Point, function: Callable[[Point], float]) -> Point:
+    """The point between neighbours where `function`, of opposite sign at them, is zero."""
+    theta = brentq(lambda x: function(_locate(sampler, [p, q], x)), p.theta, q.theta, xtol=1e-14)
+    return _locate(sampler, [p, q], theta)
 
 
 def _extreme(sampler: Sampler, near: Points, sign: float) -> Point:
