@@ -53,25 +53,30 @@ def lanczos(s: Array, damping: Array, w: Array, blocks: int) -> tuple[Array, Arr
         length = np.sqrt(_dot(new, new))
         # Twice is enough (Parlett, The Symmetric Eigenvalue Problem, 1980, section 6-9).
         for i in range(2 * size):
-            new -= _dot(basis[i % size], new) * basis[i % size]
+            share = _dot(basis[i % size], new)
+            for row in range(len(s)):
+                new[row] -= share * basis[i % size, row]
         rest = np.sqrt(_dot(new, new))
         if rest > 1e-13 * length:
             new /= rest
             size += 1
     projected, shares = np.empty((size, size)), np.zeros((2, size))
     for i in range(size):
+        scaled = s * basis[i]
         for j in range(i + 1):
-            projected[i, j] = projected[j, i] = _dot(basis[i] * basis[j], s)
+            projected[i, j] = projected[j, i] = _dot(basis[j], scaled)
         # The rows are in the span of the first vectors.
         for r in range(i, 2):
             shares[r, i] = _dot(basis[i], w[r])
     nodes, turn = jacobi(projected)
-    weights, own = np.zeros((2, size)), np.empty(size)
+    weights, own, damped = np.zeros((2, size)), np.empty(size), np.any(damping)
     for i in range(size):
         mode = np.zeros(len(s))
         for k in range(size):
-            weights[:, i] += shares[:, k] * turn[k, i]
-            mode += turn[k, i] * basis[k]
+            for r in range(2):
+                weights[r, i] += shares[r, k] * turn[k, i]
+            if damped:
+                mode += turn[k, i] * basis[k]
         own[i] = _dot(mode * mode, damping)
     order = np.argsort(-nodes)
     return nodes[order], own[order], weights[:, order]
