@@ -19,7 +19,7 @@ from fivcore.jit import Array
 DENSE = 600
 # Stiffness of a static mode, in units of the largest one.
 STATIC = 1e12
-# Vectors of a block of the Lanczos method, at least; share of the modes up to which it is used, for it needs about
+# Vectors of a block of the Lanczos method; share of the modes up to which it is used, for it needs about
 # three times as many vectors as it finds modes; residual of a mode that has converged.
 WIDTH, FEW, CONVERGED = 8, 0.25, 1e-10
 # What is left of a direction, relative to it, that is rounding; error of a factorisation, relative to its terms,
@@ -46,7 +46,7 @@ def checked_matrix(name: str, value: Any, n: int | None) -> Any:
 
 
 def free_rows(K: Any) -> NDArray[np.bool_]:
-    """Degrees of freedom that are not held, (n,): beside the stiffness of a held one all others are rounding."""
+    """Degrees of freedom that are not held, (n,); a held one is so stiff that others round off."""
     diagonal = K.diagonal()
     ascending = np.sort(diagonal[diagonal > 0.0])
     jumps = np.flatnonzero(ascending[:-1] < EPS * ascending[1:])
@@ -143,18 +143,21 @@ def _block_lanczos(M: Any, solve: Callable[[Array], Array], shift: float, limit:
     """The `count` lowest modes, at least one, mass-normalised, (n, count), by (K + shift M)^-1 = `solve`.
 
     Block Lanczos method with full orthogonalisation (Grimes, Lewis and Simon, SIAM J. Matrix Anal. Appl. 15, 1994,
-    228-272). Directions that the basis has already are replaced by random ones: so it goes on until it has every
-    member of a multiple mode.
+    228-272). Directions that are already in the basis are replaced by random ones, so that all modes of equal
+    frequency are found.
     """
     n, random, most = M.shape[0], np.random.default_rng(0), max(count, 1)
-    basis, small, checked = np.zeros((n, 0)), np.zeros((0, 0)), 0
-    block = _orthonormal(M, basis, random.standard_normal((n, max(WIDTH, most // 4))), random)
+    # Columns lie one behind the other, so that those there are need no copy.
+    basis, small, size, checked = np.empty((n, min(n, 4 * most)), order="F"), np.zeros((0, 0)), 0, 0
+    block = _orthonormal(M, basis[:, :0], random.standard_normal((n, WIDTH)), random)
     while True:
-        image, known = solve(M @ block), basis.shape[1]
-        basis = np.hstack([basis, block])
-        column = basis.T @ (M @ image)
+        image, known, size = solve(M @ block), size, size + block.shape[1]
+        if size > basis.shape[1]:
+            basis = np.asfortranarray(np.pad(basis, ((0, 0), (0, size))))
+        basis[:, known:size] = block
+        column = basis[:, :size].T @ (M @ image)
         small = np.block([[small, column[:known]], [column.T]])
-        block, size = _orthonormal(M, basis, image, random), basis.shape[1]
+        block = _orthonormal(M, basis[:, :size], image, random)
         if size < n and size < max(most, 1.1 * checked):
             continue
         checked = size
@@ -168,13 +171,15 @@ def _block_lanczos(M: Any, solve: Callable[[Array], Array], shift: float, limit:
     if found != count:
         text = f"{found} modes are below it, but {count} by the signs of pivots"
         raise UnsolvedError(f"fmax = {_hertz(limit):g}: {text}; another fmax may do")
-    return np.asarray(basis @ turn)
+    return np.asarray(basis[:, :size] @ turn)
 
 
 def _orthonormal(M: Any, basis: Array, block: Array, random: np.random.Generator) -> Array:
-    """M-orthonormal directions of a block beyond the basis, (n, k), with random ones for what it has already."""
-    block = block[:, : basis.shape[0] - basis.shape[1]]
+    """M-orthonormal directions of a block outside the basis, (n, k); random ones replace those within it."""
+    block, lost = block[:, : basis.shape[0] - basis.shape[1]], np.array([True])
     for attempt in range(4):
+        if attempt > 1 and not lost.any():
+            break
         block = block / np.sqrt(np.sum(block * (M @ block), axis=0))
         block = block - basis @ (basis.T @ (M @ block))
         block = block @ np.linalg.eigh(block.T @ (M @ block))[1]
@@ -185,15 +190,15 @@ def _orthonormal(M: Any, basis: Array, block: Array, random: np.random.Generator
 
 
 def _ritz(K: Any, vectors: Array) -> tuple[Array, Array]:
-    """Stiffness and modes in a span of modes, by strain energy: its rounding is relative to its own products."""
-    # Of a low mode the forces nearly cancel; where the processor has more digits for them, they are taken.
+    """Rayleigh-Ritz: stiffness and modes within a span of modes."""
+    # The elastic forces of a low mode nearly cancel, so they are summed in extended precision where there is one.
     small = vectors.T @ (K.astype(np.longdouble) @ vectors).astype(float)
     values, turn = np.linalg.eigh(0.5 * (small + small.T))
     return values, vectors @ turn
 
 
 def refined(K: Array, values: Array, vectors: Array) -> tuple[Array, Array]:
-    """Low modes to their own precision, where LAPACK's rounding is relative to the highest."""
+    """Low modes accurate relative to their own frequency; LAPACK's rounding error is relative to the highest."""
     values, vectors, low = values.copy(), vectors.copy(), values < 1e-6 * values.max(initial=0.0)
     values[low], vectors[:, low] = _ritz(K, vectors[:, low])
     return values, vectors
@@ -204,10 +209,10 @@ def _hertz(value: float) -> float:
 
 
 def _rigid(K: Any, values: Array, vectors: Array, names: Any) -> float:
-    """Set the stiffness of rigid motions to zero; an error where a motion has negative stiffness.
+    """Set the stiffness of rigid motions to zero; raise if a motion has negative stiffness.
 
-    Rigid is what has no more strain energy than rounding of the entries of K may give it; the largest frequency
-    that it may have, Hz, is returned.
+    A motion is rigid if its strain energy is within the rounding error of the entries of K. Returns the largest
+    frequency, Hz, that rounding alone may give a rigid motion.
     """
     rounding = RIGID * EPS * np.sum(np.abs(vectors) * (abs(K) @ np.abs(vectors)), axis=0)
     worst = int((values + rounding).argmin())
@@ -221,7 +226,7 @@ def _rigid(K: Any, values: Array, vectors: Array, names: Any) -> float:
 
 
 def _check_mass(M: Any, names: Any) -> None:
-    """Raise unless the mass is positive definite beyond rounding; the message names a motion without mass."""
+    """Raise unless the mass is positive definite to within rounding; the message names a motion without mass."""
     n, mass, text = M.shape[0], M.diagonal(), "mass: it must be positive definite"
     if mass.min() <= 0.0:
         least = int(mass.argmin())
@@ -237,8 +242,8 @@ def _check_mass(M: Any, names: Any) -> None:
 def static_modes(compliance: Array, largest: float) -> tuple[Array, Array, Array, Array]:
     """Stiffness, normal and tangential shape and load, (1 or 2,), of modes with a static compliance (3, 3).
 
-    Its rows are normal, tangential and load. They are so far above the others that they only have that compliance,
-    to 1e-12 of it at the highest frequency.
+    Its rows are normal, tangential and load. Their frequencies are so far above all others that their dynamic
+    compliance differs from the static one by 1e-12 at the highest frequency.
     """
     values, vectors = np.linalg.eigh(compliance[:2, :2])
     kept = values > 1e-9 * max(values.max(), 0.0)

@@ -1,11 +1,12 @@
-"""Compiled kernels on the disk. Whatever is wrong there costs a compilation, never the computation itself.
+"""Compiled kernels on disk. A damaged or missing file costs a compilation, and never stops a computation.
 
-Numba lists all variants of a kernel in one file and checks none: a file that is cut is an error, a wrong byte is
-run, and two processes that save at once may give two variants one file. It compiles a kernel again where its
-own file has changed, but not where another file has from which something is inlined into the kernel.
+Numba's own cache keeps an index of all variants of a kernel in one file and verifies nothing: a truncated file
+raises an error, a corrupted one is executed, and two processes that save at the same time may overwrite each
+other's variants. It recompiles a kernel when the kernel's own file changes, but not when a file changes whose code
+is inlined into the kernel.
 
-So the folder bears a digest of all sources of this package. Each variant has a folder of its own within it, with a
-checksum; it is written elsewhere and renamed.
+Here the name of the folder contains a digest of all sources of this package. Each variant has its own subfolder
+with a checksum, which is written under another name and then renamed.
 """
 
 from __future__ import annotations
@@ -28,25 +29,25 @@ _SETTINGS: Any = numba.config
 _HERE = Path(__file__).parent
 # Digest of all sources that may be compiled.
 SOURCES = sha256(b"".join(path.read_bytes() for path in sorted(_HERE.rglob("*.py")))).hexdigest()[:16]
-# Names of the folders of compiled kernels; seconds after which one of other sources is removed.
+# Prefix of the folders of compiled kernels; age in seconds at which those of other sources are removed.
 PREFIX, OLD = "kernels-", 7.0 * 24.0 * 3600.0
 _CHECKSUM = "checksum"
 
 
 def attach(dispatcher: Any) -> Any:
-    """Let a compiled function keep its variants in FOLDER, and return it."""
-    # Without a folder that can be written to, every process compiles anew.
+    """Store the variants of a compiled function in FOLDER, and return the function."""
+    # Without a writable folder, every process compiles its own.
     if FOLDER is not None:
         dispatcher._cache = _Variants(dispatcher, FOLDER)
     return dispatcher
 
 
 class _Variants:
-    """The variants of one kernel, for signatures and kinds of processors; in the place of Numba's own cache."""
+    """The stored variants of one kernel, by signature and processor; replaces Numba's own cache."""
 
     def __init__(self, dispatcher: Any, home: Path) -> None:
         self._dispatcher, self._home = dispatcher, home
-        self.cache_path = str(home)  # Numba's statistics of a dispatcher name it.
+        self.cache_path = str(home)  # Numba prints it in the statistics of a dispatcher.
 
     def _place(self, signature: Any, codegen: Any) -> Path:
         function = self._dispatcher.py_func
@@ -63,9 +64,9 @@ class _Variants:
             _SETTINGS.CACHE_DIR, self._dispatcher._cache = given, self
 
     def load_overload(self, signature: Any, context: Any) -> Any:
-        """Return a stored variant; None where it is not as it was written, and its folder is removed."""
+        """Return a stored variant, or None; a damaged one is removed."""
         place, result = self._place(signature, context.codegen()), None
-        # A file that vanishes meanwhile, or a fault that the checksum bears, may raise anything within Numba.
+        # Numba may raise anything if a file is removed meanwhile or is wrong in spite of its checksum.
         with suppress(Exception):
             if (place / _CHECKSUM).read_text() == _checksum(place):
                 result = self._numbas(place).load_overload(signature, context)
@@ -74,7 +75,7 @@ class _Variants:
         return result
 
     def save_overload(self, signature: Any, result: Any) -> None:
-        """Store a variant; where that fails a warning says so, and the process goes on with what it has."""
+        """Store a variant, or warn that it cannot be stored; the compiled kernel is used in either case."""
         place = self._place(signature, result.codegen)
         try:
             self._home.mkdir(parents=True, exist_ok=True)
@@ -83,7 +84,7 @@ class _Variants:
                 self._numbas(new).save_overload(signature, result)
                 (new / _CHECKSUM).write_text(_checksum(new))
                 new.rename(place)
-        except (OSError, RuntimeError) as error:  # Numba's RuntimeError: the function comes from no file
+        except (OSError, RuntimeError) as error:  # RuntimeError: Numba found no source file of the function.
             # Another process may have stored the same variant meanwhile.
             if not place.exists():
                 reason = getattr(error, "strerror", error)
@@ -96,9 +97,9 @@ def _checksum(folder: Path) -> str:
 
 
 def cache_folder(homes: Iterable[Path]) -> Path | None:
-    """Make the folder of these sources in the first of `homes` that can be written to, and return it.
+    """Create the folder of these sources in the first of `homes` that is writable, and return it.
 
-    `homes` are ours: `kernels-*` of other sources are removed once nobody has written to them for OLD seconds.
+    Folders `kernels-*` of other sources are removed if they have not been written to for OLD seconds.
     """
     for home in homes:
         folder = home / f"{PREFIX}{SOURCES}"
@@ -114,12 +115,12 @@ def cache_folder(homes: Iterable[Path]) -> Path | None:
 
 
 def _homes() -> Iterator[Path]:
-    """Yield the folders to try; one that others use, too, has a sub-folder of ours."""
+    """Yield the folders to try; in a shared one, a subfolder `fiv`."""
     if _SETTINGS.CACHE_DIR:
         yield Path(_SETTINGS.CACHE_DIR) / "fiv"
         return
     yield _HERE / "__pycache__"
-    # In a container the user may have neither a home nor an entry that names one.
+    # In a container the user may have no home directory.
     with suppress(RuntimeError):
         yield Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fiv"
 

@@ -107,7 +107,7 @@ def structure_arguments(path: str | Path) -> tuple[str, dict[str, Any]]:
 
 @contextmanager
 def reading(where: object) -> Iterator[None]:
-    """Make of every error an `InputError` that begins with `where`."""
+    """Turn every error into an `InputError` that begins with `where`."""
     try:
         yield
     except InputError as problem:
@@ -148,7 +148,7 @@ def _text_matrix(path: Path) -> tuple[Any, Any]:
         words, body = banner[1].lower().split(), [line for line in lines[1:] if line.strip() and "%" not in line]
         body = _decimal(body)
         width = 1 + 2 * ("coordinate" in words) - ("pattern" in words) + ("complex" in words)
-        # SciPy's reader stops at a wrong character in silence, or with the whole process.
+        # At a wrong character SciPy's reader stops without an error, or crashes the process.
         if len(body) > 1 and (found := np.loadtxt(body[1:], ndmin=2).shape[1]) != width:
             raise InputError(f"its lines have {found} numbers; by its banner they must have {width}")
         content = "\n".join([f"%%MatrixMarket {' '.join(words)}", *body])

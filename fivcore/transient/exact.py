@@ -143,8 +143,9 @@ class ExactRun(SteppedRun):
         """Record the present status up to the time `end`, and the middles of steps from `first` up to `until`."""
         r = self._status
         motion = (r.eigenvalues, self._amplitudes, r.outputs, self._start)
+        ratio = self._slipping if self._which == SLIP_UP else -self._slipping
         observe(
-            motion, min(self._which, SLIP_UP), self._origin, self._now, end, self.step, first, until,
+            motion, min(self._which, SLIP_UP), ratio, self._origin, self._now, end, self.step, first, until,
             self.record, samples, rows, sticks,
         )  # fmt: skip
 

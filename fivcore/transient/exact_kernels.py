@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from fivcore.jit import inlined, kernel
-from fivcore.transient.statistics import FIELDS, clear, count_step, enter
+from fivcore.transient.statistics import FIELDS, SLIP, clear, count_step, enter
 
 # Statistics of a scene, its contact state, the present step, intervals and numbers of samples and rows.
 _WHOLE = ("contact", "now", "sample_every", "row_every", "samples", "rows")
@@ -177,15 +177,15 @@ def write(scene: Any, contact: int, i: int, step: float, signals: Any, samples: 
 
 @kernel
 def observe(
-    motion: Any, contact: int, origin: float, now: float, end: float, step: float, first: int, last: int,
-    scenes: Any, samples: Any, rows: Any, sticks: Any,
+    motion: Any, contact: int, ratio: float, origin: float, now: float, end: float, step: float, first: int,
+    last: int, scenes: Any, samples: Any, rows: Any, sticks: Any,
 ) -> None:  # fmt: skip
     """Add what a status contributes between the times `now` and `end`, s, to the record `scenes` (1,).
 
     `motion` holds eigenvalues (m,), amplitudes (m + 6,), `Status.outputs` and `start`; the status with its contact
-    state was entered at the time `origin`. Statistics and series are
-    read in the middle of the steps from `first` up to `last`: a row of `samples` is velocity of B, slip rate and
-    N; one of `rows` is time, velocity of B, N, T, slip rate and contact state.
+    state was entered at the time `origin`, and `ratio` is T / N in slip. Statistics and series are read in the
+    middle of the steps from `first` up to `last`: a row of `samples` is velocity of B, slip rate and N; one of
+    `rows` is time, velocity of B, N, T, slip rate and contact state.
 
     Work and dissipation are integrated by Gauss-Legendre quadrature of order 16. An interval is at most 2.5 over
     the fastest frequency, and at most a quarter of the fastest time longer than the time since the status was
@@ -197,7 +197,9 @@ def observe(
     for i in range(first, last):
         if wanted(scene, i, step):
             _read(motion, (i + 0.5) * step - origin, w, out[:SIGNALS])
-            write(scene, contact, i, step, (out[V_B], out[N_], out[T_], out[SPEED]), samples, rows)
+            # The sum for T is off by the rounding of large terms; in slip N gives it.
+            T = ratio * out[N_] if contact == SLIP else out[T_]
+            write(scene, contact, i, step, (out[V_B], out[N_], T, out[SPEED]), samples, rows)
     fastest = oscillates = 1e-300
     for k in range(len(eigenvalues)):
         fastest, oscillates = max(fastest, np.abs(eigenvalues[k])), max(oscillates, np.abs(eigenvalues[k].imag))

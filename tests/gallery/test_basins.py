@@ -99,6 +99,22 @@ def test_the_smallest_knock_starts_vibration_and_scales_with_the_load():
     assert np.all(np.isnan(data.sel(mu=0.12)))
 
 
+@pytest.mark.parametrize("scatter", [0.0, 0.3])
+def test_a_knock_threshold_that_scatters_says_so(scatter, monkeypatch):
+    """As if starts with the same first nine digits moved differently: vibration from a random limit on."""
+
+    def labels(scene, states, options):
+        sizes = [np.asarray(state.velocity) @ v / (v @ v) for state in states]
+        limits = [1e-4 * (1.0 + scatter * (hash(size) % 1000 / 1000.0)) for size in sizes]
+        return np.array([4 if size > limit else 2 for size, limit in zip(sizes, limits, strict=True)])
+
+    v = starts.directions(SCENE, ["knock"])[0, 1]
+    monkeypatch.setattr(starts, "labels_of", labels)
+    found, error = knock.threshold(SCENE, 1e-3, 1e-3, OPTIONS).values()
+    assert error < 1e-7 if not scatter else 1e-6 < error < 1e-5
+    assert found == pytest.approx(1e-4, abs=error + scatter * 1e-4)
+
+
 def test_a_structure_of_few_modes_has_basins_too(computed):
     from studies import registry
 

@@ -170,6 +170,15 @@ def test_energy_and_mean_force_over_many_events():
     assert mean == pytest.approx(1.0, abs=0.02)
 
 
+def test_in_slip_T_is_mu_N_to_the_last_digits_at_large_friction():
+    rig = replace(Rig(), p1=replace(Rig().p1, length=0.06))
+    scene = Scene(0.08, -6.3, 1.96, 1.0, rig)
+    run = simulate(scene, 2e-3, "exact", ramp=1e-4, record=True, sample_rate=None, settle=0.0)
+    N, T = (force[run.state == 2] for force in (run.normal_force, run.tangential_force))
+    assert np.count_nonzero(N > 0.0) > 100
+    np.testing.assert_allclose(np.abs(T), scene.mu * N, rtol=1e-15, atol=0.0)
+
+
 @pytest.mark.parametrize("seed", range(3, 9))
 def test_energy_of_other_rigs(seed):
     rig, theta, mu = workshop_rig(seed, seed % 2 > 0), 3.0 * seed - 12.0, 0.3

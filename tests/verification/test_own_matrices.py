@@ -98,24 +98,19 @@ def test_shares_by_default():
     assert beyond.max() < 0.05, beyond
 
 
-@pytest.mark.slow
-def test_knock_thresholds():
-    """Most intervals that hold them meet; where a knock throws bodies far apart, rounding decides on others."""
-    ratios, apart_by = [], []
-    for scene, own in map(pair, range(NUMBER)):
-        mu = 0.9 * float(flutter_onsets(*seen(scene)).mu[0])
-        options = OPTIONS | {"cutoff": default_cutoff(scene.rig)}
-        found = [
-            starts.each([replace(each, mu=mu)], lambda each, how=options: knock.threshold(each, 1e-2, 0.02, how))
-            for each in (scene, own)
-        ]
-        (one, other), errors = ([float(each[name][0]) for each in found] for name in knock.OUTPUTS)
-        assert np.isnan(one) == np.isnan(other)
-        if not np.isnan(one):
-            ratios.append(max(one / other, other / one))
-            apart_by.append(abs(one - other) / (np.sqrt(3.0) * sum(errors)))
-    assert np.median(apart_by) <= 1.0, apart_by
-    assert max(ratios) < 2.0, ratios
+@pytest.mark.parametrize("number", [QUICK[1], *(pytest.param(k, marks=pytest.mark.slow) for k in (2, *SLOW))])
+def test_knock_thresholds(number):
+    """Within their standard errors, which chaotic transients make large."""
+    scene, own = pair(number)
+    mu = 0.9 * float(flutter_onsets(*seen(scene)).mu[0])
+    options = OPTIONS | {"cutoff": default_cutoff(scene.rig)}
+    found = [
+        starts.each([replace(each, mu=mu)], lambda each: knock.threshold(each, 1e-2, 0.02, options))
+        for each in (scene, own)
+    ]
+    (one, other), errors = ([float(each[name][0]) for each in found] for name in knock.OUTPUTS)
+    assert np.isnan(one) == np.isnan(other)
+    assert np.isnan(one) or abs(one - other) <= 4.0 * np.hypot(*errors), (one, other, errors)
 
 
 @pytest.mark.slow
