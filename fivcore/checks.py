@@ -90,17 +90,18 @@ def short(value: Any) -> str:
 
 
 def square_matrix(name: str, value: Any, size: int | None = None) -> Any:
-    """Return a real, finite matrix of NumPy or SciPy as a CSR array, square or of shape (`size`, `size`)."""
+    """Return a real, finite matrix, (n, n), n = `size` if given: a CSC array if it was sparse, else an array."""
     try:
-        value = value if sparse.issparse(value) else np.asarray(value)
-    except (TypeError, ValueError):
-        value = np.array(None)
-    shape, side = value.shape, size or "n"
-    if value.dtype.kind not in "iuf" or len(shape) != 2 or not shape[0] == shape[1] == (size or shape[0]) > 0:
+        # In coordinates SciPy finds an index out of range; elsewhere it would read beyond its arrays.
+        matrix = sparse.csc_array(value.tocoo()) if sparse.issparse(value) else np.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} = {short(value)}: it must be a matrix of numbers ({error})") from None
+    shape, side = matrix.shape, size or "n"
+    if matrix.dtype.kind not in "iuf" or len(shape) != 2 or not shape[0] == shape[1] == (size or shape[0]) > 0:
         raise InputError(
-            f"{name} of shape {shape}, {value.dtype}: it must be a real matrix of shape ({side}, {side})"
+            f"{name} of shape {shape}, {matrix.dtype}: it must be a real matrix of shape ({side}, {side})"
         )
-    matrix = sparse.csr_array(value, dtype=float)
-    if (wrong := matrix.data[~np.isfinite(matrix.data)]).size:
+    entries: Any = matrix.data if sparse.issparse(matrix) else matrix
+    if (wrong := entries[~np.isfinite(entries)]).size:
         raise InputError(f"{name} has an entry {wrong[0]}: all must be finite")
-    return matrix
+    return matrix.astype(float)

@@ -1,4 +1,4 @@
-"""Modes of a structure with its contact tied in both directions, and damping by mode that fits their ratios."""
+"""Modes of a structure with its contact tied in both directions, and modal damping that fits their ratios."""
 
 from __future__ import annotations
 

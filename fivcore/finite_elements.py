@@ -34,17 +34,7 @@ RIGID = 8.0
 
 def checked_matrix(name: str, value: Any, n: int | None) -> Any:
     """A symmetric matrix, sparse if it was."""
-    try:
-        # In coordinates SciPy finds an index out of range; elsewhere it would read beyond its arrays.
-        sparsely = sparse.issparse(value)
-        matrix = sparse.csc_array(value.tocoo(), dtype=float) if sparsely else np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} = {checks.short(value)}: it must be a matrix of numbers ({error})") from None
-    allowed = "a square matrix" if n is None else f"of shape ({n}, {n}), as the mass matrix"
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or n not in (None, matrix.shape[0]):
-        raise InputError(f"{name} of shape {matrix.shape}: it must be {allowed}")
-    if not np.all(np.isfinite(matrix.data if sparse.issparse(matrix) else matrix)):
-        raise InputError(f"{name}: it has entries that are not finite")
+    matrix = checks.square_matrix(name, value, n)
     free = free_rows(matrix) if name == "stiffness" else np.full(matrix.shape[0], True)
     part = matrix if free.all() else matrix[free][:, free]
     most, off = abs(part).max(), abs(part - part.T).max()

@@ -67,7 +67,7 @@ class Structure(Structural, ReadOnlyArrays):
     inertia, output, load : ndarray, (n,)
         Modal force for a unit acceleration of the drive; velocity that is observed; modal forces of a unit load.
     rayleigh : (float, float) or None
-        d1, 1/s, and d2, s, with damping = d1 + d2 stiffness; None: damping by mode.
+        d1, 1/s, and d2, s, with damping = d1 + d2 stiffness; None: modal damping.
     static : int
         How many modes, the last ones, are there for the static compliance of those that are not computed.
     remarks : tuple of str
@@ -289,12 +289,12 @@ class Structure(Structural, ReadOnlyArrays):
 
     @property
     def d1(self) -> float:  # type: ignore[override]
-        """Rayleigh damping, 1/s; 0 for damping by mode."""
+        """Rayleigh damping, 1/s; 0 for modal damping."""
         return self.rayleigh[0] if self.rayleigh else 0.0
 
     @property
     def d2(self) -> float:  # type: ignore[override]
-        """Rayleigh damping, s; 0 for damping by mode."""
+        """Rayleigh damping, s; 0 for modal damping."""
         return self.rayleigh[1] if self.rayleigh else 0.0
 
     @property
@@ -367,7 +367,7 @@ class Structure(Structural, ReadOnlyArrays):
     def damped(self, damping_ratio: Any, of: str = "tied") -> Structure:
         """Replace the damping by ratios of the modes with the contact tied in both directions, or free.
 
-        Measured ratios are those of the assembled, tied structure. Damping by mode that gives them is found by
+        Measured ratios are those of the assembled, tied structure. Modal damping that gives them is found by
         least squares, first of all for tied modes below 0.8 of the highest frequency computed; `tied_damping` has
         what came of it. `damping_ratio` is one number, or one for each mode, ascending in frequency.
 

@@ -15,11 +15,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import linalg, optimize, sparse
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigs, splu
 
 from fivcore import checks
-from fivcore.beams.modes import EPS
+from fivcore.beams.modes import EPS, one_blas_thread
 from fivcore.errors import InputError, UnsolvedError
 from fivcore.jit import Array, Complex, ReadOnlyArrays
 
@@ -30,6 +30,9 @@ SIDE, MARGIN = 0.5, 1.1
 # Eigenvalues computed at once, to begin with, and to see whether any is missing; their number by that of degrees
 # of freedom from which a dense solve is quicker; size of the part of a vector that is not parallel to others.
 NEAREST, FEW, MOST, PARALLEL = 40, 8, 0.5, 1e-8
+# Restarts of an Arnoldi method that take as long as a dense solve, by the squared ratio of degrees of freedom to
+# vectors kept.
+RESTARTS = 1.0
 # Largest residual; largest residual by what is left out of the basis; |Re lam| / |lam| of a neutral mode.
 TOLERANCE, DROP, NEUTRAL = 1e-8, 1e-9, 1e-7
 # Intervals of mu searched for onsets, and the shortest to which one is halved, as a fraction of mu_max.
@@ -64,7 +67,7 @@ class _Problem:
     """The matrices at any mu, and the basis. Modes are columns of an array: lam, residual, error, d lam / d mu."""
 
     def __init__(self, mu: float, fmax: float, *parts: Any) -> None:
-        self.band, self.parts = 2.0 * np.pi * checks.band(fmax), parts
+        self.band, self.parts, self.fixed = 2.0 * np.pi * checks.band(fmax), parts, list[Any]()
         mass, _, stiffness, _ = self.matrices(mu)
         # The unit of lam: the band, unless all eigenvalues are far below it.
         scale = np.sqrt(abs(stiffness).max() / (abs(mass).max() or 1.0)) or self.band
@@ -75,19 +78,24 @@ class _Problem:
 
     def matrices(self, mu: float) -> list[Any]:
         """M, C, K and Kf at this mu, checked."""
-        mass, *others = (part(mu) if callable(part) else part for part in self.parts)
-        mass = checks.square_matrix("mass", mass)
+        if self.fixed:
+            return self.fixed
+        found: list[Any] = []
+        for name, part in zip(("mass", "damping", "stiffness", "friction_stiffness"), self.parts, strict=True):
+            value = part(mu) if callable(part) else part
+            value = 0.0 * found[0] if value is None and name in ("damping", "friction_stiffness") else value
+            found.append(sparse.csr_array(checks.square_matrix(name, value, found[0].shape[0] if found else None)))
+        mass = found[0]
         if (most := abs(mass - mass.T).max()) > 1e-10 * abs(mass).max():
             raise InputError(f"mass differs from its transpose by {most:g}: it must be symmetric")
-        for place, name in enumerate(("damping", "stiffness", "friction_stiffness")):
-            value = 0.0 * mass if others[place] is None and name != "stiffness" else others[place]
-            others[place] = checks.square_matrix(name, value, mass.shape[0])
-        return [mass, *others]
+        self.fixed = [] if any(map(callable, self.parts)) else found
+        return found
 
     def inside(self, lam: Complex, margin: float = 1.0) -> Any:
         top = margin * self.band
         return (lam.imag >= -NEUTRAL * self.unit) & (lam.imag <= top) & (np.abs(lam.real) <= SIDE * top)
 
+    @one_blas_thread()
     def modes(self, mu: float) -> Complex:
         """All modes of the region at this mu; lam of a neutral one has the real part 0."""
         try:
@@ -111,7 +119,7 @@ class _Problem:
     def project(self, mu: float) -> Complex:
         """Modes of the projected problem in the region and its margin."""
         given = self.matrices(mu)
-        if not self.small or any(map(callable, self.parts)):
+        if not self.small or not self.fixed:
             self.small = [self.basis.T @ (matrix @ self.basis) for matrix in given]
         # Inversion at a real shift: eigenvalues up to its size are accurate whatever the largest ones.
         shift, (m, c, k, f), size = 1.1 * self.unit, self.small, self.basis.shape[1]
@@ -183,9 +191,11 @@ def _nearest(m: Any, c: Any, k: Any, shift: complex, radius: float, count: int) 
     operator = LinearOperator((2 * size, 2 * size), left, dtype=complex)
     while basis.shape[1] + count <= MOST * size:
         start, width = random.standard_normal(2 * size) + 0j, min(count + count // 4 + 20, 2 * size)
+        # So many restarts take as long as a dense solve: overdamped modes, whose real eigenvalues crowd.
+        restarts = 1 + int(RESTARTS * (size / width) ** 2)
         try:
-            inverse, states = eigs(operator, count, v0=start, ncv=width, tol=1e-12)
-        except ArpackError:  # Too few eigenvalues are different.
+            inverse, states = eigs(operator, count, v0=start, ncv=width, tol=1e-12, maxiter=restarts)
+        except ArpackError:  # Or too few eigenvalues are different.
             break
         near = np.abs(inverse) * radius > 1.0
         if not near.any():

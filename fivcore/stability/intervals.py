@@ -2,8 +2,8 @@
 
 Points of neighbouring samples, all flutter onsets or growing modes at an angle of a fine grid, are linked where
 each is the nearest to the other. Where a point has no counterpart the interval is halved until its branch ends
-there. Roots and extremes along a branch are bracketed (Brent, Algorithms for
-Minimization without Derivatives, 1973).
+there. Roots and extremes along a branch are bracketed (Brent, Algorithms for Minimization without Derivatives,
+1973).
 """
 
 from __future__ import annotations
@@ -238,10 +238,8 @@ Sampler = Callable[[list[float]], list[Points]]
 def _onsets(rig: Rig, fmax: float, mu_max: float, angles: list[float], *, exact: bool = False) -> list[Points]:
     """Onsets and recoveries at angles up to the limits if `exact`, else beyond, to bracket where branches pass."""
     band, most = (fmax, mu_max) if exact else (1.1 * fmax, 2.0 * mu_max)
-    found, samples = (
-        crossings(rig_table({"theta": angles}, rig), band, most, rig)[0],
-        [list[Point]() for _ in angles],
-    )
+    found, _ = crossings(rig_table({"theta": angles}, rig), band, most, rig)
+    samples = [list[Point]() for _ in angles]
     for place, row, mu, change in sorted(found[[2, 0, 1, 3]].T[found[2] <= band].tolist()):
         points, destabilising = samples[int(row)], change > 0.0
         # This close to a fold they are one zero and its rounding.
@@ -329,24 +327,20 @@ def _link(sampler: Sampler, left: Any, right: Any, least: float, folds: bool) ->
 
 def _nearest(p: Point, points: Points) -> Points:
     """The nearest to p of the points of its kind, or none."""
-    return sorted((q for q in points if q.destabilising == p.destabilising), key=lambda q: abs(q.place - p.place))[
-        :1
-    ]
+    same = [q for q in points if q.destabilising == p.destabilising]
+    return [min(same, key=lambda q: abs(q.place - p.place))] if same else []
 
 
 def _end(p: Point, points: Points, linked: set[Point], theta: float, folds: bool) -> Point:
     """The end at `theta` of the branch of p: a fold, where it meets the nearest point of the other kind, or p."""
     if not folds:
         return p._replace(theta=theta)
-    others = [
-        q._replace(destabilising=p.destabilising)
-        for q in points
-        if q.destabilising != p.destabilising and q not in linked
-    ]
-    for q in _nearest(p, others):
-        mu, frequency = 0.5 * (p.level + q.level), 0.5 * (p.frequency + q.frequency)
-        return p._replace(theta=theta, level=mu, frequency=frequency, end="fold")
-    raise UnsolvedError(f"theta = {theta:.9g}: onsets near it cannot be separated; leave it out")
+    others = [q for q in points if q.destabilising != p.destabilising and q not in linked]
+    if not others:
+        raise UnsolvedError(f"theta = {theta:.9g}: onsets near it cannot be separated; leave it out")
+    q = min(others, key=lambda q: abs(q.place - p.place))
+    mu, frequency = 0.5 * (p.level + q.level), 0.5 * (p.frequency + q.frequency)
+    return p._replace(theta=theta, level=mu, frequency=frequency, end="fold")
 
 
 def _locate(sampler: Sampler, near: Points, theta: float) -> Point:

@@ -1,11 +1,7 @@
 """Flutter onsets of one rig, or of many that differ in all parameters but the mesh: below a millisecond each.
 
-Modes come from `fivcore.beams.similar`, roots from the search of `fivcore.stability.onsets`. Its time goes with
-the number of poles, and most of them lie far beyond the band. NODES poles replace those: with s = 1 / p, each term
-1 / (p - lambda) = s / (1 - lambda s), and 1 / (1 - lambda s) is interpolated at the Chebyshev nodes of
-0 < s < 1 / FAR, in units of the band's lambda. The pole of this function lies 49 half-widths of the interval from
-its middle where |lambda| = 1, and 13.5 at lambda = -4, where |phi| = 2: the error is some 98^-NODES or 27^-NODES
-of a term, less than rounding (Trefethen, Approximation Theory and Approximation Practice, 2013, theorem 8.2).
+Modes come from `fivcore.beams.similar`, those far above the band compressed (`fivcore.contact.compression`), and
+roots from the search of `fivcore.stability.onsets`.
 """
 
 from __future__ import annotations
@@ -20,29 +16,17 @@ from numpy.typing import NDArray
 
 from fivcore import checks
 from fivcore.beams.similar import lower_deflections, unit_cantilever, upper_modes
-from fivcore.errors import InputError, UnsolvedError
+from fivcore.contact.compression import BLOCKS, FAR, compressed
+from fivcore.errors import InputError
 from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array, ReadOnlyArrays, kernel
 from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS, Rig, Structural, checked_theta
-from fivcore.stability import falling
-from fivcore.stability.by_mode_onsets import divergence_onset
-from fivcore.stability.falling import checked_sliding
-from fivcore.stability.onsets import (
-    ARC,
-    MOST_INTERVALS,
-    TOP,
-    axis_point,
-    isolate,
-    onset_friction,
-    onset_function,
-    onset_root,
-)
+from fivcore.stability.exponents import band_modes
+from fivcore.stability.falling import checked_sliding, falling_crossings
+from fivcore.stability.onsets import MOST_INTERVALS, TOP, axis_point, divergence_onset, endless, isolated_crossings
+from fivcore.stability.sampled import coulomb_crossings
 from fivcore.structure import Structure, structure_of
 
-FAR, NODES = 25.0, 12
-# Chebyshev nodes of (-1, 1), and their barycentric weights.
-ANGLES = (np.arange(NODES) + 0.5) * np.pi / NODES
-POINTS, WEIGHTS = np.cos(ANGLES), np.sin(ANGLES) * (-1.0) ** np.arange(NODES)
 # Rigs searched together, on which no result depends.
 BATCH = 256
 # Parameters of a beam, and of a rig with theta: the columns of `rig_table`.
@@ -78,30 +62,22 @@ class FlutterOnsets(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class ManyFlutterOnsets(ReadOnlyArrays):
+class ManyFlutterOnsets(FlutterOnsets):
     """Flutter onsets of n rigs, each rig's ascending in mu and followed by NaN; arrays are read-only.
 
     Attributes
     ----------
     mu, frequency, recovery_mu, recovery_frequency, entry_mu : ndarray, (n, any)
-        As for `FlutterOnsets`.
     divergence_mu : ndarray, (n,)
-        Least friction at which a motion grows without oscillation, at no more than twice the band's angular
-        frequency; NaN if that is above mu_max. A flutter pair ceases to oscillate there, or a real eigenvalue
-        enters from beyond the band: none passes zero, where P1's rigid mode has a pole that friction does not
-        change.
+        As for `FlutterOnsets`. A flutter pair ceases to oscillate there, or a real eigenvalue enters from beyond
+        the band: none passes zero, where P1's rigid mode has a pole that friction does not change.
     change_mu, change : ndarray, (n, any)
         Friction at which the number of growing eigenvalues in the band changes, and by how much: by 2 for a
         pair, by 1 for a real one.
     mu_max : float
     """
 
-    mu: Array
-    frequency: Array
-    recovery_mu: Array
-    recovery_frequency: Array
-    entry_mu: Array
-    divergence_mu: Array
+    divergence_mu: Array  # type: ignore[assignment]
     change_mu: Array
     change: Array
     mu_max: float
@@ -156,28 +132,32 @@ def flutter_onsets(
     """
     angle = checked_theta("rig", rig, theta)
     speed, load = checked_sliding(friction, V, F)
-    if not isinstance(rig, Rig) or friction.kinetic_ratio != 1.0:
+    band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
+    if isinstance(rig, Rig) and friction.kinetic_ratio == 1.0:
+        found, divergence = crossings(rig_table({"theta": angle}, rig), band, most, rig)
+    else:
         for name, value in (("V", speed), ("F", load)):
             if value is not None and value.ndim:
                 raise InputError(f"{name} of shape {value.shape}: it must be one number")
         values = {"mu": 0.0, "V": float(speed or 0.0), "F": float(load or 0.0)}
-        return _own_onsets(structure_of(rig, angle), fmax, mu_max, friction, values)
-    found = flutter_onsets_many({"theta": angle}, fmax, mu_max, rig)
-    own: Any = {each.name: getattr(found, each.name)[0].copy() for each in fields(FlutterOnsets)}
+        found, divergence = _of_structure(structure_of(rig, angle), band, most, friction, values)
+    whole = _listed(found, divergence, band, most)
+    own: Any = {each.name: getattr(whole, each.name)[0].copy() for each in fields(FlutterOnsets)}
     return FlutterOnsets(**own | {"divergence_mu": float(own["divergence_mu"])})
 
 
-def _own_onsets(
+def _of_structure(
     own: Structure, fmax: float, mu_max: float, friction: Friction, values: dict[str, float]
-) -> FlutterOnsets:
-    """`flutter_onsets` of a structure."""
-    band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
-    mu, place, change = falling.crossings(own, band, friction, values, "mu", 0.0, most).T
-    on_axis, up = place <= 1.0, change > 0.0
-    onset, recovery = on_axis & (change == 2.0), on_axis & (change == -2.0)
-    entry, kappa = mu[~on_axis & (place <= TOP) & up].copy(), friction.kinetic_ratio
-    divergence = divergence_onset(own, band, kappa * most) / kappa if friction.constant else float("nan")
-    return FlutterOnsets(mu[onset], band * place[onset], mu[recovery], band * place[recovery], entry, divergence)
+) -> tuple[Array, Array]:
+    """`crossings` of a structure."""
+    divergence, kappa = np.nan, friction.kinetic_ratio
+    if friction.constant:
+        found, modes = coulomb_crossings(own, fmax, kappa, mu_max), band_modes(own, fmax)
+        a, b, _ = modes.residues
+        divergence = divergence_onset(modes.p, modes.c, a, b, kappa * mu_max) / kappa
+    else:
+        found = falling_crossings(own, fmax, friction, values, "mu", 0.0, mu_max)
+    return np.insert(found * [1.0, fmax, 1.0], 0, 0.0, axis=1).T, np.array([divergence])
 
 
 def flutter_onsets_many(
@@ -209,14 +189,18 @@ def flutter_onsets_many(
     checks.instance("rig", rig, Rig)
     band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
     table = rig_table(numbers, rig)
-    found, divergence = crossings(table, band, most, rig, threads)
-    place, change = found[2:]
-    on_axis, up = place <= band, change > 0.0
-    at_top = ~on_axis & (place <= TOP * band) & up
-    onset, recovery = (_padded(found[:3, on_axis & kind], len(table)) for kind in (up, ~up))
-    entry, changes = _padded(found[:2, at_top], len(table)), _padded(found[[0, 1, 3]], len(table))
+    return _listed(*crossings(table, band, most, rig, threads), band, most)
+
+
+def _listed(found: Array, divergence: Array, fmax: float, mu_max: float) -> ManyFlutterOnsets:
+    """What `crossings` are."""
+    (place, change), rows = found[2:], len(divergence)
+    on_axis, up = place <= fmax, change > 0.0
+    entering = ~on_axis & (place <= TOP * fmax) & up
+    parts = found[:3, on_axis & up], found[:3, on_axis & ~up], found[:2, entering], found[[0, 1, 3]]
+    onset, recovery, [entry], changes = (_padded(each, rows) for each in parts)
     return ManyFlutterOnsets(
-        onset[0], onset[1], recovery[0], recovery[1], entry[0], divergence, changes[0], changes[1], most
+        onset[0], onset[1], recovery[0], recovery[1], entry, divergence, changes[0], changes[1], mu_max
     )
 
 
@@ -233,11 +217,7 @@ def crossings(table: Array, fmax: float, mu_max: float, rig: Rig, threads: int =
         rows = table[start : start + BATCH]
         found, divergence, failed = _search_rows(rows, 2.0 * np.pi * fmax, mu_max, *beams)
         if failed >= 0:
-            where = f"row {start + failed}, theta = {rows[failed, 0]:g},"
-            raise UnsolvedError(
-                f"flutter onsets up to mu_max = {mu_max:g} in {where} below fmax = {fmax:g} Hz: "
-                "the search needs too many intervals; choose a smaller band"
-            )
+            raise endless(mu_max, fmax, f" in row {start + failed}, theta = {rows[failed, 0]:g},")
         found[:, 0] += start
         return found.T, divergence
 
@@ -303,83 +283,40 @@ def _check(row: int, values: list[Any], rig: Rig) -> None:
 @kernel
 def _search_rows(table: Array, unit: float, mu_max: float, upper: Any, lower: Any) -> tuple[Array, Array, int]:
     """Crossings (k, 4): row, mu, place on the path, change; divergence_mu of the rows; one that failed, or -1."""
-    poles = upper[0].shape[1] + lower[0].shape[1] + 1 + NODES
-    divergence, system = np.full(len(table), np.nan), np.empty((3, poles))
-    found, brackets, count = np.empty((0, 4)), np.empty((MOST_INTERVALS, 3)), 0
+    divergence = np.full(len(table), np.nan)
+    found, brackets = np.empty((0, 4)), np.empty((MOST_INTERVALS, 3))
     for k in range(len(table)):
         d1, d2 = table[k, 3] / unit, table[k, 4] * unit
         x, y = axis_point(1.0, d1, d2)
         # The band's largest lambda, more than 1 with heavy damping.
-        size = contact_poles(table[k], unit, max(1.0, np.hypot(x, y)), upper, lower, system)
-        p, a, b = system[0, :size], system[1, :size], system[2, :size]
-        if not np.any(b):
-            continue
-        number, judged = isolate(p, a, b, d1, d2, mu_max, brackets)
+        p, a, b = contact_poles(table[k], unit, max(1.0, np.hypot(x, y)), upper, lower)
+        own, judged = isolated_crossings(p, a, b, d1, d2, mu_max, brackets)
         if judged == MOST_INTERVALS:
-            return found[:count], divergence, k
-        for i in range(number + 1):
-            # At phi = 2 a real eigenvalue enters, or leaves where mu(lambda) rises outwards.
-            omega, n = ARC, 0
-            change = -1.0 if onset_function(ARC, 0, p, a, b, d1, d2) > 0.0 else 1.0
-            if i < number:
-                low, high, n = brackets[i, 0], brackets[i, 1], int(brackets[i, 2])
-                omega = onset_root(low, high, n, p, a, b, d1, d2)
-                # d Re(phi) / d mu has the sign of d Im(mu) / d omega, and Im(mu) that of W.
-                change = 2.0 if onset_function(high, n, p, a, b, d1, d2) > 0.0 else -2.0
-            mu = onset_friction(omega, n, p, a, b, d1, d2)
-            if not 0.0 < mu <= mu_max:
-                continue
-            # On the real axis a pair that ceases to oscillate leaves the upper half.
-            if change == 1.0 or (omega > ARC and change < 0.0):
-                divergence[k] = min(mu, divergence[k]) if divergence[k] > 0.0 else mu
-            if omega <= ARC:
-                if count == len(found):
-                    found = np.concatenate((found, np.empty((count + 64, 4))))
-                found[count] = np.array([k, mu, omega, change])
-                count += 1
-    return found[:count], divergence, -1
+            return found, divergence, k
+        divergence[k] = divergence_onset(p, d1 + d2 * p, a, b, mu_max)
+        found = np.concatenate((found, np.column_stack((np.full(len(own), float(k)), own))))
+    return found, divergence, -1
 
 
 @kernel
-def contact_poles(row: Array, unit: float, limit: float, upper: Any, lower: Any, system: Array) -> int:
-    """Fill `system` with poles p and residues a, b of `isolate`, those beyond FAR `limit` replaced; their number.
+def contact_poles(row: Array, unit: float, limit: float, upper: Any, lower: Any) -> tuple[Array, Array, Array]:
+    """Poles p and residues a, b of `isolate`, far ones compressed.
 
     `row` is one of `rig_table`, `upper` and `lower` are the beams' `unit_cantilever`; `limit` times unit^2 is the
     largest lambda in the band, rad2/s2.
     """
     (mass1, along, across), (mass2, _, bending) = _scales(row[5:10]), _scales(row[10:15])
     modes = upper_modes(row[0], row[2] / mass1, along, across, upper[0], upper[2])
-    deflections, n = lower_deflections(row[1] / row[10], lower[1]), modes.shape[1]
+    deflections = lower_deflections(row[1] / row[10], lower[1])
     # What is rounding beside the largest entry is no coupling, as in `beams.modes`.
-    least1, least2 = 1e-15 * np.abs(modes[1]).max(), 1e-15 * np.abs(deflections).max()
-    size, far, share, new_a, new_b = 0, False, np.empty(NODES), np.zeros(NODES), np.zeros(NODES)
-    for i in range(n + len(deflections)):
-        if i < n:
-            p, normal, tangential, mass, least = modes[0, i], modes[1, i], modes[2, i], mass1, least1
-        else:
-            p, normal, tangential = bending * lower[0][0, len(deflections) // 2 + i - n], -deflections[i - n], 0.0
-            mass, least = mass2, least2
-        p, a, b = p / unit**2, normal * normal / (mass * unit**2), normal * tangential / (mass * unit**2)
-        if abs(normal) <= least:
-            continue
-        if p <= FAR * limit:
-            system[0, size], system[1, size], system[2, size] = p, a, b
-            size += 1
-            continue
-        # Lagrange polynomials at s = 1 / p by the barycentric formula.
-        far, total = True, 0.0
-        for k in range(NODES):
-            away = 2.0 * FAR * limit / p - 1.0 - POINTS[k]
-            share[k] = WEIGHTS[k] / (away if away != 0.0 else 1e-300)
-            total += share[k]
-        for k in range(NODES):
-            new_a[k] += a / p * (share[k] / total)
-            new_b[k] += b / p * (share[k] / total)
-    for k in range(NODES if far else 0):
-        p = 2.0 * FAR * limit / (1.0 + POINTS[k])
-        system[0, size], system[1, size], system[2, size] = p, p * new_a[k], p * new_b[k]
-        size += 1
-    return size
+    first = np.abs(modes[1]) > 1e-15 * np.abs(modes[1]).max()
+    second = np.abs(deflections) > 1e-15 * np.abs(deflections).max()
+    p = np.append(modes[0][first], bending * lower[0][0, len(deflections) // 2 :][second]) / unit**2
+    g, n = np.zeros((2, len(p))), np.sum(first)
+    g[:, :n] = modes[1:, first] / (np.sqrt(mass1) * unit)
+    g[0, n:] = -deflections[second] / (np.sqrt(mass2) * unit)
+    p, _, few = compressed(p, np.zeros(len(p)), g, p > FAR * limit, BLOCKS)
+    return p, few[0] * few[0], few[0] * few[1]
 
 
 @kernel

@@ -8,9 +8,9 @@ W keeps its sign in it or is monotone, or when mu is shown to stay outside (0, m
 
 The same holds on the closed path around the growing modes of the band: up the imaginary axis to phi = i, along the
 top of the band to |phi| = 2, on that circle to phi = 2 and along the real axis to 0. Zeros of W on the first three
-parts are all places where a pair of modes enters or leaves, so they count the growing pairs at any friction. Zeros
-on the real axis, the extremes of mu(lambda) there, are where a pair ceases to oscillate or begins to. Kernels take
-phi in units of 2 pi fmax, p in units of its square, d1 and d2 to match; omega is the length of the path.
+parts are all places where a pair of modes enters or leaves, so they count the growing pairs at any friction; the
+least mu on the real axis is where a motion begins to grow without oscillation. Kernels take phi in units of
+2 pi fmax, p in units of its square, d1 and d2 to match; omega is the length of the path.
 """
 
 from __future__ import annotations
@@ -20,26 +20,30 @@ import numpy as np
 from fivcore.beams.modes import EPS
 from fivcore.errors import UnsolvedError
 from fivcore.jit import Array, kernel
-from fivcore.stability.secular import contact_terms, nearest_pole
-from fivcore.structure import Structure
 
 # A search that needs more intervals than this has met a W that vanishes altogether; hundreds are usual.
 MOST_INTERVALS = 100_000
-# Where the path reaches |phi| = 2, which is where `sliding_modes` ends, phi = 2, and 0.
+NONE, ONE, SPLIT = 0, 1, 2
+# Where the path reaches |phi| = 2, which is where `sliding_modes` ends, and phi = 2.
 TOP, ARC = 1.0 + 3.0**0.5, 1.0 + 3.0**0.5 + np.pi / 3.0
-LAST = ARC + 2.0
+# Samples of the real axis, 20 a decade, and the first of them.
+REAL, FIRST = 147, 1e-7
+
+
+@kernel
+def contour(omega: float) -> complex:
+    """Point of the path, phi in units of 2 pi fmax."""
+    if omega <= 1.0:
+        return complex(0.0, omega)
+    angle = np.pi / 6.0 - 0.5 * (omega - TOP)
+    return complex(omega - 1.0, 1.0) if omega <= TOP else 2.0 * complex(np.cos(angle), np.sin(angle))
 
 
 @kernel
 def axis_point(omega: float, d1: float, d2: float) -> tuple[float, float]:
     """Parts x and y of lambda = -(phi^2 + d1 phi) / (1 + d2 phi) = x - i y on the path."""
-    s, c = 0.0, omega
-    if omega > ARC:
-        s, c = LAST - omega, 0.0
-    elif omega > TOP:
-        s, c = 2.0 * np.cos(np.pi / 6.0 - 0.5 * (omega - TOP)), 2.0 * np.sin(np.pi / 6.0 - 0.5 * (omega - TOP))
-    elif omega > 1.0:
-        s, c = omega - 1.0, 1.0
+    phi = contour(omega)
+    s, c = phi.real, phi.imag
     scale = 1.0 / ((1.0 + d2 * s) ** 2 + (d2 * c) ** 2)
     x = (c * c - s * (s + d1)) * (1.0 + d2 * s) - (2.0 * s + d1) * d2 * c * c
     return x * scale, c * (2.0 * s + d1 + d2 * (s * s + c * c)) * scale
@@ -83,17 +87,17 @@ def onset_friction(omega: float, n: int, p: Array, a: Array, b: Array, d1: float
 
 
 @kernel
-def _judge(
+def classify_interval(
     low: float, high: float, n: int, p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float
 ) -> int:
-    """0 if no onset lies in (low, high), 1 if exactly one zero of W does, 2 if the interval must be halved."""
+    """NONE if no onset lies in (low, high), ONE if exactly one zero of W does, else SPLIT: it must be halved."""
     middle, width = 0.5 * (low + high), high - low
     half = 0.5 * width
     x, y = axis_point(middle, d1, d2)
     # Bounds on the first and second derivative of lambda = n / q with respect to omega; |phi| is at most `size`.
-    size, q = (LAST - low, 1.0) if low >= ARC else (min(high, 2.0), np.hypot(1.0, d2 * min(low, 1.0)))
+    size, q = min(high, 2.0), np.hypot(1.0, d2 * min(low, 1.0))
     l1 = (2.0 * size + d1 + size * (size + d1) * d2 / q) / q
-    l2 = (2.0 + 2.0 * d2 * l1) / q + (0.5 * l1 if TOP <= low < ARC else 0.0)
+    l2 = (2.0 + 2.0 * d2 * l1) / q + (0.5 * l1 if low >= TOP else 0.0)
     # Sums over |p_n - p_i| u^k (|a_i| + i |b_i|), where 1 / u is the least |p_i - lambda|.
     s2, s3, s4 = 0j, 0j, 0j
     for i in range(len(p)):
@@ -102,7 +106,7 @@ def _judge(
             continue
         clear = np.hypot(p[i] - x, y) - l1 * half
         if clear <= 0.0:
-            return 2
+            return SPLIT
         u = 1.0 / clear
         share = complex(abs(a[i]), abs(b[i])) * (shift * u * u)
         s2 += share
@@ -116,33 +120,33 @@ def _judge(
     size_a, size_b = np.hypot(ra.real, y * ra.imag), np.hypot(rb.real, y * rb.imag)
     product = ra.real * rb.real + y * y * ra.imag * rb.imag
     if size_a - aw1 * half > mu_max * (size_b + bw1 * half):
-        return 0
+        return NONE
     if product > (size_a * bw1 + size_b * aw1 + aw1 * bw1 * half) * half:
-        return 0
+        return NONE
     ar, br = abs(ra.real) + aw1 * half, abs(rb.real) + bw1 * half
     ai, bi = abs(ra.imag) + ai1 * half, abs(rb.imag) + bi1 * half
     curvature = i2.real * br + 2.0 * ai1 * bw1 + ai * w2.imag + w2.real * bi + 2.0 * aw1 * bi1 + ar * i2.imag
     bound = curvature * width * width
     w_low, w_high = onset_function(low, n, p, a, b, d1, d2), onset_function(high, n, p, a, b, d1, d2)
     if (w_low > 0.0) == (w_high > 0.0):
-        return 0 if min(abs(w_low), abs(w_high)) > 0.125 * bound else 2
-    return 1 if abs(w_high - w_low) > bound else 2
+        return NONE if min(abs(w_low), abs(w_high)) > 0.125 * bound else SPLIT
+    return ONE if abs(w_high - w_low) > bound else SPLIT
 
 
 @kernel
 def isolate(p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float, brackets: Array) -> tuple[int, int]:
     """Fill `brackets` with low, high and pole index of each zero of W; return how many, and intervals judged."""
     found, judged, low, width = 0, 0, 0.0, 1.0 / 64.0
-    while low < LAST and judged < MOST_INTERVALS:
-        high = min(low + width, 1.0 if low < 1.0 else TOP if low < TOP else ARC if low < ARC else LAST)
-        n = nearest_pole(axis_point(0.5 * (low + high), d1, d2)[0], p)
-        verdict = _judge(low, high, n, p, a, b, d1, d2, mu_max)
+    while low < ARC and judged < MOST_INTERVALS:
+        high = min(low + width, 1.0 if low < 1.0 else TOP if low < TOP else ARC)
+        n = int(np.argmin(np.abs(p - axis_point(0.5 * (low + high), d1, d2)[0])))
+        verdict = classify_interval(low, high, n, p, a, b, d1, d2, mu_max)
         judged += 1
         # Two zeros this close count as one.
-        if verdict == 2 and high - low > 1e-13:
+        if verdict == SPLIT and high - low > 1e-13:
             width = 0.5 * (high - low)
             continue
-        if verdict != 0:
+        if verdict != NONE:
             w_low, w_high = onset_function(low, n, p, a, b, d1, d2), onset_function(high, n, p, a, b, d1, d2)
             if (w_low > 0.0) != (w_high > 0.0):
                 brackets[found, 0], brackets[found, 1], brackets[found, 2] = low, high, n
@@ -177,23 +181,67 @@ def onset_root(low: float, high: float, n: int, p: Array, a: Array, b: Array, d1
     return best
 
 
-def proportional_crossings(own: Structure, fmax: float, mu_max: float) -> Array:
-    """`damped_crossings` with Rayleigh damping, but those of real exponents."""
-    unit = 2.0 * np.pi * fmax
-    p, (a, b) = contact_terms(own, unit**2)
-    felt = a > 1e-30 * a[: len(own.frequency)].max()
-    p, a, b, d1, d2 = p[felt], a[felt], b[felt], own.d1 / unit, own.d2 * unit
-    found, brackets = [], np.empty((MOST_INTERVALS, 3))
-    number, judged = isolate(p, a, b, d1, d2, mu_max, brackets) if np.any(b) else (0, 0)
-    if judged == MOST_INTERVALS:
-        raise UnsolvedError(
-            f"flutter onsets up to mu_max = {mu_max:g} below fmax = {fmax:g} Hz: the search needs too many"
-            " intervals; choose a smaller band"
-        )
-    for low, high, pole in brackets[:number].tolist():
-        system = int(pole), p, a, b, d1, d2
-        omega = onset_root(low, high, *system)
-        mu = onset_friction(omega, *system)
-        if omega <= ARC and 0.0 < mu <= mu_max:
-            found.append((mu, omega, 2.0 if onset_function(high, *system) > 0.0 else -2.0))
-    return np.array(sorted(found)).reshape(-1, 3)
+@kernel
+def isolated_crossings(
+    p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float, brackets: Array
+) -> tuple[Array, int]:
+    """Friction up to mu_max, place on the path and change of the number of growing eigenvalues, (k, 3).
+
+    Ascending in place, with real eigenvalues at phi = 2; and how many intervals were judged.
+    """
+    if not np.any(b):
+        return np.empty((0, 3)), 0
+    number, judged = isolate(p, a, b, d1, d2, mu_max, brackets)
+    found, count = np.empty((number + 1, 3)), 0
+    for i in range(number + 1):
+        # At phi = 2 a real eigenvalue enters, or leaves where mu(lambda) rises outwards.
+        omega, n = ARC, 0
+        change = -1.0 if onset_function(ARC, 0, p, a, b, d1, d2) > 0.0 else 1.0
+        if i < number:
+            low, high, n = brackets[i, 0], brackets[i, 1], int(brackets[i, 2])
+            omega = onset_root(low, high, n, p, a, b, d1, d2)
+            # d Re(phi) / d mu has the sign of d Im(mu) / d omega, and Im(mu) that of W.
+            change = 2.0 if onset_function(high, n, p, a, b, d1, d2) > 0.0 else -2.0
+        mu = onset_friction(omega, n, p, a, b, d1, d2)
+        if 0.0 < mu <= mu_max:
+            found[count, 0], found[count, 1], found[count, 2] = mu, omega, change
+            count += 1
+    return found[:count], judged
+
+
+@kernel
+def _inverse_friction(log_phi: float, p: Array, c: Array, a: Array, b: Array) -> float:
+    """B / A at a real exponent."""
+    phi, A, B = np.exp(log_phi), 0.0, 0.0
+    for i in range(len(p)):
+        soft = 1.0 / (p[i] + phi * (c[i] + phi))
+        A, B = A + a[i] * soft, B + b[i] * soft
+    return B / A
+
+
+@kernel
+def divergence_onset(p: Array, c: Array, a: Array, b: Array, mu_max: float) -> float:
+    """Least friction up to mu_max at which an exponent is real and grows, at most phi = 2; NaN without one.
+
+    For phi > 0 every term of A is positive, and has no resonance: 1 / mu = -B / A is smooth over log(phi), and its
+    largest value is the least friction.
+    """
+    logs, values = np.linspace(np.log(FIRST), np.log(2.0), REAL), np.empty(REAL)
+    for k in range(REAL):
+        values[k] = _inverse_friction(logs[k], p, c, a, b)
+    k = int(np.argmin(values))
+    low, high, lowest = logs[max(k - 1, 0)], logs[min(k + 1, REAL - 1)], values[k]
+    for _ in range(50):
+        third = (high - low) / 3.0
+        one, other = (_inverse_friction(low + third, p, c, a, b), _inverse_friction(high - third, p, c, a, b))
+        lowest = min(lowest, one, other)
+        low, high = (low, high - third) if one < other else (low + third, high)
+    return -1.0 / lowest if lowest * mu_max <= -1.0 else np.nan
+
+
+def endless(mu_max: float, fmax: float, where: str = "") -> UnsolvedError:
+    """The error for a search that needs MOST_INTERVALS; fmax in Hz."""
+    return UnsolvedError(
+        f"flutter onsets up to mu_max = {mu_max:g}{where} below fmax = {fmax:g} Hz: the search needs too many"
+        " intervals; choose a smaller band"
+    )

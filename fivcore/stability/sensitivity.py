@@ -11,6 +11,7 @@ h_NN + mu h_NT = 0 at phi = i omega, two real equations for mu and omega.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig, Structural
-from fivcore.stability.by_mode import FAINT
+from fivcore.stability.exponents import FAINT
 from fivcore.stability.many import PARAMETERS, FlutterOnsets, flutter_onsets, flutter_onsets_many, rig_table
 from fivcore.structure import Structure, structure_of
 
@@ -113,20 +114,23 @@ def onset_sensitivity(rig: Structural, theta: float, fmax: float = 10e3, mu_max:
         slopes, coarse = np.einsum("poi,pin->opn", stencils[:, 1:], moved)
         none |= ~(np.abs(coarse - slopes) <= BENT * np.abs(slopes) + ROUNDING * found[0])
         gradients.append(slopes / steps[:, None])
-    by_mu, by_frequency = (dict(zip(PARAMETERS, np.where(none, np.nan, each), strict=True)) for each in gradients)
-    of_mu, of_frequency = (
-        {name: value * gradient[name] / own for name, value in zip(PARAMETERS, values.tolist(), strict=True)}
-        for gradient, own in ((by_mu, onsets.mu), (by_frequency, onsets.frequency))
-    )
-    return OnsetSensitivity(
-        onsets.mu, onsets.frequency, by_mu, by_frequency, of_mu, of_frequency, none.any(axis=0)
-    )
+    return _listed(onsets, PARAMETERS, values, gradients, none)
+
+
+def _listed(
+    onsets: FlutterOnsets, names: Sequence[str], values: Array, gradients: Sequence[Array], none: NDArray[np.bool_]
+) -> OnsetSensitivity:
+    """Derivatives of mu and frequency by name, each (parameters, n); `none` says where there is none."""
+    roots, tables = (onsets.mu, onsets.frequency), [np.where(none, np.nan, each) for each in gradients]
+    tables += [values[:, None] * each / root for each, root in zip(tables, roots, strict=True)]
+    by_mu, by_frequency, of_mu, of_frequency = (dict(zip(names, each, strict=True)) for each in tables)
+    return OnsetSensitivity(*roots, by_mu, by_frequency, of_mu, of_frequency, np.asarray(none.any(axis=0)))
 
 
 def _of_structure(own: Structure, onsets: FlutterOnsets, band: float) -> OnsetSensitivity:
     """`onset_sensitivity` of a structure, with 2 pi fmax."""
     m, p, n, t = len(own.frequency), own.stiffness, own.normal, own.tangential
-    # Static modes have the damping of Rayleigh's law, as in `secular`.
+    # Static modes have the damping of Rayleigh's law, as in `exponents`.
     damping = np.append(own.damping[:m], own.d2 * p[m:])
     damped = damping.max() > FAINT * band
     damping = damping if damped else np.where(np.arange(len(p)) < m, TINY * band, 0.0)
@@ -157,20 +161,12 @@ def _of_structure(own: Structure, onsets: FlutterOnsets, band: float) -> OnsetSe
         ahead = slopes(omega * (1.0 + STEP), mu)
         change = (_cross(*ahead[:2]) / flatness - 1.0) / (STEP * frequency)
         none[:, k] = ~(np.abs(2.0 * STEP * values * by_frequency[:, k] * change) <= BENT)
-    of_mu, of_frequency = (
-        dict(zip(names, np.where(none, np.nan, each), strict=True)) for each in (by_mu, by_frequency)
-    )
-    by_share, frequency_by_share = (
-        {name: value * gradient[name] / root for name, value in zip(names, values.tolist(), strict=True)}
-        for gradient, root in ((of_mu, onsets.mu), (of_frequency, onsets.frequency))
-    )
-    near = np.asarray(none.any(axis=0))
-    return OnsetSensitivity(onsets.mu, onsets.frequency, of_mu, of_frequency, by_share, frequency_by_share, near)
+    return _listed(onsets, names, values, (by_mu, by_frequency), none)
 
 
 def _cross(one: Any, other: Any) -> Any:
     """Determinant of two complex numbers as columns."""
-    return np.real(one) * np.imag(other) - np.imag(one) * np.real(other)
+    return (np.conj(one) * other).imag
 
 
 def _stencil(name: str, value: float, step: float, rig: Rig) -> Array:

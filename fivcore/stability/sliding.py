@@ -2,9 +2,9 @@
 
 V > 0: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and the load F only
 where friction falls with the speed (`fivcore.stability.falling`). Proportional damping maps the undamped
-eigenvalue lambda (`fivcore.stability.secular`) to the pair phi with phi^2 + (d1 + d2 lambda) phi + lambda = 0,
-with static modes damped alike: their compliance is that at rest times 1 / (1 + d2 phi). Damping by mode, which
-leaves them undamped, has no such mapping (`fivcore.stability.by_mode`).
+eigenvalue lambda (`fivcore.stability.exponents`) to the pair phi with phi^2 + (d1 + d2 lambda) phi + lambda = 0,
+with static modes damped alike: their compliance is that at rest times 1 / (1 + d2 phi). Modal damping leaves
+them undamped.
 """
 
 from __future__ import annotations
@@ -21,10 +21,9 @@ from fivcore.errors import InputError
 from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array, Complex, ReadOnlyArrays
 from fivcore.rig import Rig, Structural, checked_theta
-from fivcore.stability.by_mode import damped_by_mode, damped_problem, damped_roots
-from fivcore.stability.falling import checked_sliding, falling_point, modal_shape, uncoupled_shape
-from fivcore.stability.secular import MOST_REPORTED, damp, sliding_problem, sliding_roots
-from fivcore.structure import Structure, structure_of
+from fivcore.stability.exponents import band_modes, exponents, pair, sliding_shape
+from fivcore.stability.falling import checked_sliding, sliding_point
+from fivcore.structure import structure_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +36,7 @@ class SlidingModes(ReadOnlyArrays):
         Im(phi) / 2 pi, Hz, zero for a mode that does not oscillate; Re(phi), 1/s, above zero for a mode that grows
         (the paper's eta with its sign turned). The leading dimensions are those of theta and mu broadcast.
     eigenvalue : ndarray, (..., modes)
-        The undamped eigenvalue lambda, rad2/s2; where there is none, with damping by mode or friction that falls
+        The undamped eigenvalue lambda, rad2/s2; where there is none, with modal damping or friction that falls
         with the speed, -phi^2.
     uncoupled : ndarray of bool, (..., modes)
         Whether the mode has a node at the contact, so that friction does not change it.
@@ -81,7 +80,9 @@ class SlidingModes(ReadOnlyArrays):
         shapes = np.full((*self.frequency.shape, *size), complex(np.nan, np.nan))
         for index in zip(*np.nonzero(np.isfinite(self.frequency)), strict=True):
             theta = float(self.theta[index[:-1]])
-            q = self._modal_shape(index, structure_of(rig, theta))
+            phi = complex(self.growth_rate[index], 2.0 * np.pi * self.frequency[index])
+            falling, alone = not self.friction.constant, bool(self.uncoupled[index])
+            q = sliding_shape(structure_of(rig, theta), phi, alone, falling)
             shape = parts = q[:modes]
             if isinstance(rig, Rig):
                 upper, lower = rig_bases(rig, theta)
@@ -90,26 +91,6 @@ class SlidingModes(ReadOnlyArrays):
                 parts = shape[:, :2].ravel()
             shapes[index] = shape / parts[np.argmax(np.abs(parts))]
         return shapes
-
-    def _modal_shape(self, index: Any, own: Structure) -> Complex:
-        """Modal coordinates of one mode, all of them."""
-        phi, uncoupled = (
-            complex(self.growth_rate[index], 2.0 * np.pi * self.frequency[index]),
-            self.uncoupled[index],
-        )
-        if not self.friction.constant:
-            return modal_shape(own, phi, bool(uncoupled))
-        if isinstance(self.rig, Rig):
-            distance = own.stiffness - self.eigenvalue[index]
-        else:
-            distance = own.stiffness + phi * (own.damping + phi)
-        if uncoupled:
-            return uncoupled_shape(own.normal[None], distance, own.stiffness + np.abs(phi) ** 2)
-        # q_i = (n_i + mu t_i) N / (p_i - lambda), with N such that the nearest pole cancels.
-        force = own.normal + self.friction.kinetic_ratio * self.mu[index[:-1]] * own.tangential
-        nearest = np.argmin(np.where(force != 0.0, np.abs(distance), np.inf))
-        others = np.arange(len(force)) != nearest
-        return np.asarray(force * np.divide(distance[nearest], distance, out=np.ones_like(distance), where=others))
 
 
 def sliding_modes(
@@ -124,7 +105,7 @@ def sliding_modes(
 ) -> SlidingModes:
     """Complex modes of the steady sliding state for V > 0 (equations (10) to (12) of the paper).
 
-    Eigenvalues are those of the finite-element model with all its modes, without truncation. With damping by mode
+    Eigenvalues are those of the finite-element model with all its modes, without truncation. With modal damping
     or friction that falls with the speed every real one is listed, else of the two real ones that an undamped
     eigenvalue has the larger.
 
@@ -147,58 +128,47 @@ def sliding_modes(
 
     Raises
     ------
-    ValueError, ArithmeticError
-        For an argument out of range; if one could have been missed, by their number after the argument principle.
+    ValueError
+        For an argument out of range.
     """
     checked_theta("rig", rig, 0.0)
     band = checks.band(fmax)
     angles = checks.array("theta", theta, lambda each: checked_theta("rig", rig, each))
     frictions = checks.array("mu", mu, checks.friction)
-    try:
-        angles, frictions = np.broadcast_arrays(angles, frictions)
-    except ValueError:
-        raise InputError(f"mu of shape {frictions.shape}: it must broadcast with theta, {angles.shape}") from None
     V, F = checked_sliding(friction, V, F)
-    try:
-        shape = np.broadcast_shapes(angles.shape, *(each.shape for each in (V, F) if each is not None))
-    except ValueError:
-        shapes = f"{np.shape(V)} and {np.shape(F)}"
-        raise InputError(f"V and F of shapes {shapes}: they must broadcast with {angles.shape}") from None
+    names, shape = "theta", angles.shape
+    for name, each in (("mu", frictions), ("V", V), ("F", F)):
+        try:
+            shape = np.broadcast_shapes(shape, () if each is None else each.shape)
+        except ValueError:
+            raise InputError(
+                f"{name} of shape {np.shape(each)}: it must broadcast with {names}, {shape}"
+            ) from None
+        names += f", {name}"
     angles, frictions = (np.broadcast_to(each, shape).copy() for each in (angles, frictions))
     V, F = (None if each is None else np.broadcast_to(each, shape).copy() for each in (V, F))
-    own = structure_of(rig, 0.0)
-    by_mode = damped_by_mode(own, band) or not friction.constant
-    points = list(zip(angles.ravel().tolist(), frictions.ravel().tolist(), strict=True))
-    if friction.constant:
-        problems = {
-            angle: damped_problem(own, band) if by_mode else sliding_problem(rig, angle, band)
-            for angle in np.unique(angles).tolist()
-        }
-        find, kappa = damped_roots if by_mode else sliding_roots, friction.kinetic_ratio
-        solved = [(problems[angle], find(problems[angle], kappa * each)) for angle, each in points]
+    m, k = frictions.ravel() * friction.kinetic_ratio, np.zeros(frictions.size)
+    groups = {angle: np.flatnonzero(angles.ravel() == angle) for angle in np.unique(angles).tolist()}
+    solved = []
+    for angle, points in groups.items():
+        own = structure_of(rig, angle)
+        if not friction.constant:
+            given = [each.ravel()[points].tolist() for each in (frictions, V, F)]
+            m[points], k[points] = np.transpose(
+                [sliding_point(own, friction, *each) for each in zip(*given, strict=True)]
+            )
+        modes = band_modes(own, band, not friction.constant)
+        solved.append((points, modes, exponents(modes, m[points], k[points])))
+    values = np.full((frictions.size, max((roots.shape[1] for *_, roots in solved), default=0)), np.nan * 1j)
+    uncoupled, omega = np.zeros(values.shape, dtype=bool), 2.0 * np.pi * band
+    for points, modes, roots in solved:
+        values[points, : roots.shape[1]] = roots
+        uncoupled[points, roots.shape[1] - len(modes.uncoupled) : roots.shape[1]] = True
+    phi, values = omega * values, omega**2 * values
+    if any(modes.rayleigh for _, modes, _ in solved):
+        phi = pair(values, rig.d1 + rig.d2 * values)[0]
     else:
-        structures = {angle: structure_of(rig, angle) for angle in np.unique(angles).tolist()}
-        further = np.stack([V, F], axis=-1).reshape(-1, 2).tolist()
-        solved = [
-            falling_point(structures[angle], band, friction, each, speed, load)
-            for (angle, each), (speed, load) in zip(points, further, strict=True)
-        ]
-    places = max((len(roots) + len(problem.uncoupled) for problem, roots in solved), default=0)
-    values = np.full((len(solved), places), complex(np.nan, np.nan))
-    uncoupled = np.zeros(values.shape, dtype=bool)
-    for row, without, (problem, roots) in zip(values, uncoupled, solved, strict=True):
-        count = len(roots) + len(problem.uncoupled)
-        row[: len(roots)], row[len(roots) : count] = roots, problem.uncoupled
-        without[len(roots) : count] = True
-        row[np.abs(row) > MOST_REPORTED] = complex(np.nan, np.nan)
-        row *= problem.unit
-    phi = np.empty_like(values)
-    if by_mode:
-        phi[:] = values
         values = -(phi**2)
-    else:
-        damp(values.ravel(), rig.d1, rig.d2, phi.ravel())
-    omega = 2.0 * np.pi * band
     phi[(phi.imag > omega) | (np.abs(phi) > 2.0 * omega)] = complex(np.nan, np.nan)
     missing = np.isnan(phi)
     values[missing], uncoupled[missing] = complex(np.nan, np.nan), False

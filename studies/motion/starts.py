@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from fivcore import Scene, State, checks, sliding_modes
 from fivcore.errors import InputError, SceneError
-from fivcore.stability.falling import balance, modal_shape
+from fivcore.stability.exponents import sliding_shape
+from fivcore.stability.falling import wedging
 from fivcore.structure import Structure, structure_of
 from studies.motion import run as runs
 from studies.motion.jobs import balanced, run_all
@@ -41,7 +42,7 @@ def equilibrium(scene: Scene, about: str = "sliding") -> Array:
     """Modal displacements of steady sliding (T = mu(V) N), or of rest under the load (T = 0), with V > 0."""
     own = structure_of(scene.rig, scene.theta).motion
     mu = scene.mu * scene.friction.ratio(scene.V) if about == "sliding" else 0.0
-    held, rigid = 1.0 + balance(own) * mu, own.stiffness == 0.0
+    held, rigid = 1.0 + wedging(own) * mu, own.stiffness == 0.0
     if not held > 0.0:
         raise InputError(f"mu = {scene.mu:g}: the contact jams, so that there is no steady sliding")
     normal_force = scene.F * own.preload / held
@@ -88,7 +89,7 @@ def _mode(scene: Scene, own: Structure, number: int, name: str) -> tuple[complex
         raise InputError(f"{name} = {number}: steady sliding has {len(found)} modes that oscillate below 10 kHz")
     k = found[number - 1] if number else found[np.argmax(modes.growth_rate[found])]
     phi = complex(modes.growth_rate[k], 2.0 * np.pi * modes.frequency[k])
-    shape = modal_shape(own, phi, bool(modes.uncoupled[k]))
+    shape = sliding_shape(own, phi, bool(modes.uncoupled[k]))
     at_B = own.output @ shape
     if not abs(at_B) > 1e-9 * np.abs(own.output * shape).sum():
         raise InputError(f"{name} = {number}: B does not move in this mode; choose another")

@@ -13,7 +13,7 @@ from scipy.linalg import eigvals, null_space
 
 from fivcore import Rig, flutter_onsets, onset_sensitivity, sliding_modes
 from fivcore.beams import modes as bases
-from fivcore.stability import secular
+from fivcore.stability.exponents import band_modes
 from tests.benchmarks.tables import Column, Table
 from tests.helpers import reference
 
@@ -33,7 +33,7 @@ def forget() -> None:
     """Drop every basis."""
     for cached in (bases.lower_basis, bases.upper_basis, bases.cantilever_modes, bases.axial, bases.bending):
         cached.cache_clear()
-    secular.sliding_problem.cache_clear()
+    band_modes.cache_clear()
 
 
 def dense(rig: Rig, theta: float, mu: float) -> float:

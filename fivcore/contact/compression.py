@@ -1,0 +1,146 @@
+"""Modes far above a band compressed to a few, once, for everything that a structure does in that band.
+
+Seen from its contact a structure is h(phi) = sum_i g_i g_i^T / (p_i + c_i phi + phi^2), g = (n, t). With
+Rayleigh damping this is a function of the undamped eigenvalue lambda, sum_i w_i w_i^T / (1 - lambda s_i) with
+s = 1 / p and w = g sqrt(s). Block Lanczos from both rows of w gives the Gauss quadrature of this sum: k blocks
+match its first 2 k moments, and its nodes and weights are modes again (Freund, Acta Numerica 12, 2003, 267-319).
+The first block is residual flexibility (MacNeal; Rubin); a mode with s = 0 is static compliance.
+
+Modal damping leaves no such variable. There a few of the far modes stand for all of them: their responses are
+interpolated to rounding in the disc of the band by those of some, chosen by QR with pivoting (interpolative
+decomposition; Cheng, Gimbutas, Martinsson and Rokhlin, SIAM J. Sci. Comput. 26, 2005, 1389-1404).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr, solve_triangular
+
+from fivcore.beams.modes import EPS, one_blas_thread
+from fivcore.jit import Array, kernel, reordered_call
+
+# Modes with p above FAR times the band's largest |lambda| are far, and BLOCKS of two replace them.
+FAR, BLOCKS = 16.0, 6
+# A node of the quadrature is at least this share of the largest; below, its mode is nothing but compliance.
+STATIC_NODE = 1e-15
+# Points at which responses are interpolated, in units of 2 pi fmax.
+CIRCLE = 1.5 * np.exp(1j * np.pi * (np.arange(16) + 0.5) / 16.0)[:, None]
+
+
+@reordered_call
+def _dot(a: Array, b: Array) -> float:
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total
+
+
+@kernel
+def lanczos(s: Array, damping: Array, w: Array, blocks: int) -> tuple[Array, Array, Array]:
+    """Gauss quadrature of sum w w^T / (1 - lambda s): nodes (k,), descending, their damping, and weights (2, k).
+
+    `s` and `damping`, c / p, are (m,), `w` is (2, m), and k at most 2 blocks: a vector that is parallel to those
+    before it is left out. The damping is that of the projected modes by its diagonal, exact with Rayleigh's law.
+    """
+    size, used, basis = 0, 0, np.zeros((2 * blocks, len(s)))
+    for j in range(2 * blocks):
+        if j >= 2 and used == size:
+            break
+        new = basis[size]
+        new[:] = w[j] if j < 2 else s * basis[used]
+        used += j >= 2
+        length = np.sqrt(_dot(new, new))
+        # Twice is enough (Parlett, The Symmetric Eigenvalue Problem, 1980, section 6-9).
+        for i in range(2 * size):
+            share = _dot(basis[i % size], new)
+            for row in range(len(s)):
+                new[row] -= share * basis[i % size, row]
+        rest = np.sqrt(_dot(new, new))
+        if rest > 1e-13 * length:
+            new /= rest
+            size += 1
+    projected, shares = np.empty((size, size)), np.zeros((2, size))
+    for i in range(size):
+        scaled = s * basis[i]
+        for j in range(i + 1):
+            projected[i, j] = projected[j, i] = _dot(basis[j], scaled)
+        # The rows are in the span of the first vectors.
+        for r in range(i, 2):
+            shares[r, i] = _dot(basis[i], w[r])
+    nodes, turn = jacobi(projected)
+    weights, own, damped = np.zeros((2, size)), np.empty(size), np.any(damping)
+    for i in range(size):
+        mode = np.zeros(len(s))
+        for k in range(size):
+            for r in range(2):
+                weights[r, i] += shares[r, k] * turn[k, i]
+            if damped:
+                mode += turn[k, i] * basis[k]
+        own[i] = _dot(mode * mode, damping)
+    order = np.argsort(-nodes)
+    return nodes[order], own[order], weights[:, order]
+
+
+@kernel
+def jacobi(matrix: Array) -> tuple[Array, Array]:
+    """Eigenvalues, (n,), and eigenvectors, (n, n), one a column, of a symmetric matrix.
+
+    Small couplings keep their relative accuracy, such as that of normal and tangential motion of an upright rig:
+    LAPACK's would be rounding of the largest (Demmel and Veselic, SIAM J. Matrix Anal. 13, 1992, 1204-1245).
+    """
+    n, done = len(matrix), False
+    both = np.vstack((matrix, np.eye(n)))
+    for _ in range(30):
+        if done:
+            break
+        done = True
+        for i in range(n):
+            for j in range(i + 1, n):
+                off = both[i, j]
+                if abs(off) <= 1e-30 * np.sqrt(abs(both[i, i] * both[j, j])) or off == 0.0:
+                    continue
+                done = False
+                slope = 0.5 * (both[j, j] - both[i, i]) / off
+                tangent = (1.0 if slope >= 0.0 else -1.0) / (abs(slope) + np.hypot(1.0, slope))
+                cosine = 1.0 / np.hypot(1.0, tangent)
+                sine = tangent * cosine
+                for k in range(2 * n):
+                    x, y = both[k, i], both[k, j]
+                    both[k, i], both[k, j] = cosine * x - sine * y, sine * x + cosine * y
+                for k in range(n):
+                    x, y = both[i, k], both[j, k]
+                    both[i, k], both[j, k] = cosine * x - sine * y, sine * x + cosine * y
+                both[i, j] = both[j, i] = 0.0
+    return np.diag(both[:n]).copy(), both[n:]
+
+
+@kernel
+def compressed(p: Array, c: Array, g: Array, far: NDArray[np.bool_], blocks: int) -> tuple[Array, Array, Array]:
+    """Modes p, c, (n,), and g, (2, n), with those that are `far`, (n,), replaced by at most 2 blocks."""
+    if np.sum(far) <= 2 * blocks:
+        return p, c, g
+    s, near = 1.0 / p[far], ~far
+    nodes, lost, weights = lanczos(s, c[far] * s, g[:, far] * np.sqrt(s), blocks)
+    stiffness = 1.0 / np.maximum(nodes, STATIC_NODE * nodes[0])
+    gaps = np.concatenate((g[:, near], weights * np.sqrt(stiffness)), axis=1)
+    return np.append(p[near], stiffness), np.append(c[near], lost * stiffness), gaps
+
+
+@one_blas_thread()
+def interpolated(p: Array, c: Array, residues: Array, far: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+    """Modes p, c, (n,), and residues (3, n) with some of those that are `far` for all, whatever their damping.
+
+    In units of the band, sum residues / (p + c phi + phi^2) stays as it is to rounding of its terms at rest.
+    """
+    unit = np.sqrt((residues**2).sum(axis=0))
+    near, beyond = np.flatnonzero(~far), np.flatnonzero(far & (unit > 0.0))
+    share = unit[beyond] / p[beyond]
+    responses = share / (1.0 + CIRCLE * ((c[beyond] + CIRCLE) / p[beyond]))
+    triangle, order = qr(np.vstack([responses.real, responses.imag]), mode="r", pivoting=True)
+    size = int(np.sum(np.abs(np.diag(triangle)) > EPS * share.sum()))
+    weights, beyond = np.eye(size, len(beyond)), beyond[order]
+    weights[:, size:] = solve_triangular(triangle[:size, :size], triangle[:size, size:])
+    kept = np.append(near, beyond[:size])
+    some = (residues[:, beyond] / unit[beyond]) @ weights.T * unit[beyond[:size]]
+    return p[kept], c[kept], np.hstack([residues[:, near], some])
