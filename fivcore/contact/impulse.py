@@ -12,27 +12,12 @@ drift is subtracted, or the contact would slip and stick again for some ten step
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from fivcore.jit import Array
 
 # Below this phase of a mode in a step its series is used, with an error of the eighth power.
 SMALL = 1e-2
-
-
-class Impulse(NamedTuple):
-    """Compliance defect of impulses, and the contact corrected for it; all (2, 2), normal first; zero if rigid."""
-
-    # Compliance that the modes lack, m/N.
-    defect: Array
-    # Spring and dashpot, N/m and N s/m, corrected by `defect`.
-    stiffness: Array
-    damping: Array
-    # Effective Delassus matrix over a step: mean rates of the gaps over an impulse by a unit force, m/s per N; not
-    # zero in rigid contact.
-    delassus: Array
 
 
 def at_impulses(stiffness: Array, damping: Array, step: float) -> tuple[Array, Array]:

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore.beams.modes import one_blas_thread, residual_flexibility
-from fivcore.contact.impulse import Impulse, at_impulses
-from fivcore.contact.law import painleve_mu, ratio, resistance, slide, steepest_fall
+from fivcore.contact.impulse import at_impulses
+from fivcore.contact.law import DiscreteContact, ratio, resistance
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig, Structural
@@ -116,24 +116,25 @@ class ReducedModel(ReadOnlyArrays):
         rest.setflags(write=False)
         return rest
 
-    def impulse(self, step: float) -> Impulse:
-        """Impulses of `fast` in this step, s, with spring and dashpot corrected for them."""
-        return _impulse(self, step)
+    def discrete(self, step: float) -> DiscreteContact:
+        """The contact in steps of `fast`, s, corrected for impulses."""
+        return _discrete(self, step)
 
-    def dissipation(self, impulse: Impulse) -> Array:
+    def steepest_fall(self, step: float, mu: float) -> float:
+        """Largest -d mu / dv, s/m for a unit load, up to which slip is unique in a step of `fast`, s."""
+        return self.discrete(step).slip.steepest_fall(mu)
+
+    def dissipation(self, contact: DiscreteContact) -> Array:
         """Damping of the dashpot by the mean rates of the gaps over a step, (2, 2), N s/m."""
         # The mean rate of a gap over an impulse is less than that of the spring within it, by what impulses miss.
-        rates = np.linalg.solve(impulse.stiffness, self.K) if self.K.any() else np.eye(2)
+        rates = contact.flexibility @ self.K
         return np.asarray(rates.T @ self.C @ rates)
 
     def painleve_mu(self, step: float | None) -> float:
         """Mu above which the contact force is not unique, in steps of `fast` or, without a step, by the law."""
-        return _painleve_mu(self, step or 0.0)
-
-    def steepest_fall(self, step: float, mu: float) -> float:
-        """Largest -d mu / dv, s/m for a unit load, up to which slip is unique in a step of `fast`, s."""
-        impulse = self.impulse(step)
-        return steepest_fall(slide(impulse.stiffness, impulse.damping, impulse.delassus, step), mu)
+        if step is not None:
+            return self.discrete(step).painleve_mu
+        return ratio(*(self.K[1, ::-1] if self.K.any() else self.W[0]))
 
     @cached_property
     def contact_frequency(self) -> float:
@@ -171,24 +172,17 @@ class ReducedModel(ReadOnlyArrays):
         return LIMIT / omega if omega else float(np.pi / np.sqrt(self.stiffness.max()))
 
 
-# These do not depend on friction, so the scenes of a sweep share them.
 @lru_cache(maxsize=256)
-def _impulse(model: ReducedModel, step: float) -> Impulse:
-    K, C, half = model.K, model.C, 0.5 * step * model.W
-    if not K.any() or step == 0.0:
-        return Impulse(np.zeros((2, 2)), K, C, half)
+def _discrete(model: ReducedModel, step: float) -> DiscreteContact:
+    half = 0.5 * step * model.W
+    if not model.K.any():
+        return DiscreteContact(np.zeros((2, 2)), 0.0, half, step)
     parts = at_impulses(model.stiffness, model.damping, step)
     defect, drift = ((model.shapes * part) @ model.shapes.T for part in parts)
-    softened = np.asarray(np.linalg.inv(np.linalg.inv(K) + defect))
-    return Impulse(defect, softened, C[0, 0] / softened[0, 0] * softened, half - drift)
-
-
-@lru_cache(maxsize=256)
-def _painleve_mu(model: ReducedModel, step: float) -> float:
-    if not model.K.any():
-        return ratio(model.W[0, 0], model.W[0, 1])
-    _, K, C, M = model.impulse(step)
-    return painleve_mu(K, C, M, step)
+    flexibility = np.linalg.inv(model.K) + defect
+    # C_NN stays.
+    tau = float(model.C[0, 0] / np.linalg.inv(flexibility)[0, 0])
+    return DiscreteContact(flexibility, tau, half - drift, step, defect)
 
 
 @lru_cache(maxsize=64)

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.integrate import DOP853, OdeSolution
 from scipy.optimize import brentq
 
-from fivcore.contact.law import slide
+from fivcore.contact.law import DiscreteContact
 from fivcore.errors import ContactError, DivergenceError
 from fivcore.friction import friction_ratio, slip_speed
 from fivcore.jit import Array, inlined, kernel
@@ -137,7 +137,7 @@ class FallingRun(ExactRun):
             )
 
     def _impact_mu(self, rates: Array, up: bool) -> float:
-        sense, law = 1.0 if up else -1.0, slide(self.model.K, self.model.C, 0.5 * self.model.W, 1.0)
+        sense, law = 1.0 if up else -1.0, DiscreteContact(np.zeros((2, 2)), 0.0, 0.5 * self.model.W, 1.0).slip
         alpha, (mu, *fall) = -0.5 * rates[0], self._law
         ahead = -sense * (rates[1] + law.rate_N / law.beta * alpha)
         _, ratio = slip_speed(ahead, ahead, law.mobility, alpha, law.beta, sense * law.gamma, mu, tuple(fall))

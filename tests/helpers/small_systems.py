@@ -71,14 +71,15 @@ class Fast:
     def __init__(self, system, step):
         self.model, self.step = system.model, step
         rest, normal, tangential = self.model.rest, system.normal, system.tangential
-        self.solver = Solver(self.model, system.mu, step)
+        self.solver = Solver(self.model, step)
         u = np.array(system.u)
         if self.model.K.any() and system.contact != SEPARATION:
             # The same force of the element that impulses need.
-            u = np.linalg.solve(self.solver.impulse.stiffness, self.model.K @ u)
+            u = self.solver.contact.flexibility @ (self.model.K @ u)
         self.record = record = begin(self.solver.record.copy(), 0.0, 0.0, 1.0, system.contact)
         (p_rest, T_rest), away = self.solver.at_rest, system.q - rest
-        fill(record, contact=system.contact, speed=system.V, threshold=np.inf, u_N=u[0], u_T=u[1])
+        fill(record, mu=system.mu, kinetic=system.mu, contact=system.contact, speed=system.V)
+        fill(record, threshold=np.inf, u_N=u[0], u_T=u[1])
         fill(record, anchor=u[1] + tangential @ away + T_rest, p_rest=p_rest, T_rest=T_rest)
         # Impulses come in the middle of a step.
         x, v = self._moved(away, system.v, 0.5 * step)
@@ -118,7 +119,7 @@ class Fast:
     def energy(self):
         """Of modes, load and element."""
         model, u = self.model, np.array([self.record["u_N"][0], self.record["u_T"][0]])
-        (x, v), K = self._state(), self.solver.impulse.stiffness
+        (x, v), K = self._state(), self.solver.contact.stiffness
         return 0.5 * np.sum(v**2 + model.stiffness * x**2) + model.normal @ x + 0.5 * u @ K @ u
 
     def imbalance(self):

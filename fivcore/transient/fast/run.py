@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from fivcore.beams.modes import propagator
 from fivcore.contact.reduced import ReducedModel, modified, reduced_model
 from fivcore.contact.step_map import at_most, largest_stable_step, stable
-from fivcore.errors import SceneValueError
+from fivcore.errors import SceneValueError, not_unique
 from fivcore.jit import Array
 from fivcore.rig import Rig
 from fivcore.transient.fast import data as at
 from fivcore.transient.fast import onset
 from fivcore.transient.fast.kernel import advance
 from fivcore.transient.fast.skip import NONE, skip_tables, workspace_for
-from fivcore.transient.fast.solver import Solver, frozen_solver, put, take
+from fivcore.transient.fast.solver import Solver, put, solver_of, take
 from fivcore.transient.fast.steady import NEAR, SteadySliding, eigenvalues, growing, steady_sliding
 from fivcore.transient.normalised import Normalised, State, displacement, residual_gaps, slip_distance
 from fivcore.transient.options import Options
@@ -72,6 +72,8 @@ class FastRun:
                 f"step = {self.step:g}: with these modes it must be at most {at_most(limit, 3)} s;"
                 f" beyond, {what} is unstable"
             )
+        if scene.mu >= (most := model.painleve_mu(self.step)):
+            raise not_unique(scene.mu, most)
         check_falling(model, scene, self.step)
         least = least_step(model, options.duration)
         if self.step < least:
@@ -111,7 +113,7 @@ class FastRun:
         # A deviation that follows the motion (`kernel.advance`).
         self.tangent: Any = ()
         self._tables = NONE
-        self._solver = self._coarse = frozen_solver(model, scene.mu, self.step, law)
+        self._solver = self._coarse = solver_of(model, self.step)
         self.blocks = aligned(self._solver.blocks)
         self._start(options.initial)
         if not self._ends:
@@ -144,19 +146,18 @@ class FastRun:
         contact = self.options.contact
         if initial is None:
             q, v = (np.zeros(len(model.rest)) for _ in range(2))
-            if model.K.any():
-                u = np.asarray(np.linalg.solve(solver.impulse.stiffness, [1.0, 0.0]))
+            u = solver.contact.flexibility[0]
         else:
             q = initial.displacement[model.kept] - model.rest
             v = initial.velocity[model.kept].copy()
             if model.K.any():
                 u = residual_gaps(scene, model.kept, initial)
                 if contact != SEPARATION:
-                    u = np.asarray(np.linalg.solve(solver.impulse.stiffness, model.K @ u))
+                    u = solver.contact.flexibility @ (model.K @ u)
         # Within the ramp coordinates are deviations from the equilibrium in the accelerating frame.
         self._shift = np.zeros(len(q))
         if initial is not None and initial.running:
-            q += solver.between_impulses(solver.impulse.stiffness @ u * (contact != SEPARATION))
+            q += solver.between_impulses(solver.contact.stiffness @ u * (contact != SEPARATION))
         elif self._ramp > 0.0:
             elastic = model.stiffness > 0.0
             push = model.inertia[elastic] * scene.speed_per_load / self._ramp
@@ -193,7 +194,7 @@ class FastRun:
         """Displacements from rest and velocities of the modes, and the gaps of the others, between two steps."""
         solver, K = self._solver, self.model.K
         touches, u = bool(self.record["contact"] != SEPARATION), self._u
-        force = solver.impulse.stiffness @ u if touches else np.zeros(2)
+        force = solver.contact.stiffness @ u if touches else np.zeros(2)
         q, v = self._between(solver)
         if touches and K.any():
             # The law has u_N, and in stick u_T, in the middle of the last step.
@@ -214,6 +215,7 @@ class FastRun:
             self.record[name] = old[name]
         record = self.record
         self._solver, self.blocks = solver, aligned(solver.blocks)
+        record["mu"], record["kinetic"] = self.scene.mu, self._kinetic if not self._law else self.scene.mu
         record["speed"], record["ramp"] = self.scene.speed_per_load, self._ramp
         record["acceleration"] = self.scene.speed_per_load / self._ramp if self._ramp > 0.0 else 0.0
         self._set_settle(record)
@@ -462,7 +464,7 @@ class FastRun:
         return float(np.sum(self.model.stiffness * self._shift * q))
 
     def _energy_of(self, q: Array, v: Array, u: Array) -> float:
-        model, K = self.model, self._solver.impulse.stiffness
+        model, K = self.model, self._solver.contact.stiffness
         return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + model.normal @ q + 0.5 * u @ K @ u)
 
     def released_energy(self) -> float:

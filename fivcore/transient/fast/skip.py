@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore.beams.modes import one_blas_thread
-from fivcore.contact.law import status_maps
 from fivcore.contact.reduced import ReducedModel
 from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.jit import Array, called, reordered_call
@@ -89,10 +88,8 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     """
     if not model.K.any():
         return NONE
-    impulse = model.impulse(step)
-    stick, gaps, size = step_map(model, impulse, step), model.shapes, len(model.rest)
-    dissipation = model.dissipation(impulse)
-    separation = status_maps(impulse.stiffness, impulse.damping, impulse.delassus, 0.0, step).separation
+    contact, gaps, size = model.discrete(step), model.shapes, len(model.rest)
+    stick, dissipation, mobility = step_map(model, step), model.dissipation(contact), contact.delassus
     try:
         z, vectors, into, error = eigenvectors(stick)
         still = np.linalg.inv(np.eye(2 * size) - stick.matrix)
@@ -104,7 +101,7 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     # One of each conjugate pair, counted twice.
     kept = z.imag >= 0.0
     z, vectors, into = z[kept], vectors[:, kept] * np.where(z.imag[kept] > 0.0, 2.0, 1.0), into[kept]
-    count, mobility = len(z), impulse.delassus
+    count = len(z)
     # Inputs of the contact law with the modes at rest for (p, u, 1, V), and what a unit of V adds in a step.
     inputs = np.zeros((4, 5))
     inputs[0, 0] = inputs[1, 1] = 1.0
@@ -125,7 +122,7 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     net = force.copy()
     net[0, count + 2] -= 1.0
     B = model.point_b @ (x[size:] + 0.5 * step * gaps.T @ net)
-    outputs = np.stack([N, B, T, seen[0] - separation[0] @ earlier])
+    outputs = np.stack([N, B, T, seen[0] - contact.slip.decay * earlier[0]])
     # Rates in the middle of the impulse, weighted so that the sum of their squares is what a step loses.
     rates = np.sqrt(step) * np.vstack([
         np.sqrt(model.damping)[:, None] * (x[size:] + 0.5 * step * gaps.T @ net),
