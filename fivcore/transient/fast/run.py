@@ -7,7 +7,7 @@ sliding that is proved to last (`transient.fast.steady`) is filled in.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import chain
 from typing import Any
 
@@ -25,7 +25,7 @@ from fivcore.transient.fast import onset
 from fivcore.transient.fast.kernel import advance
 from fivcore.transient.fast.skip import NONE, skip_tables, workspace_for
 from fivcore.transient.fast.solver import Solver, put, solver_of, take
-from fivcore.transient.fast.steady import NEAR, SteadySliding, eigenvalues, growing, steady_sliding
+from fivcore.transient.fast.steady import NEAR, SteadySliding, sliding_growth, steady_sliding
 from fivcore.transient.normalised import Normalised, State, displacement, residual_gaps, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import (
@@ -87,17 +87,10 @@ class FastRun:
         # A ramp shorter than a step is none.
         starts = options.initial is None or not options.initial.running
         self._ramp = options.ramp if starts and options.ramp >= self.step else 0.0
-        finer = options.cutoff is None and options.initial is None and bool(model.K.any())
-        finer = finer and isinstance(scene.rig, Rig)
-        self.growing: Array = np.zeros(0)
-        law, speed = scene.friction, scene.speed_per_load
-        self._kinetic, self._law = scene.mu * law.ratio(speed), () if law.constant else law.law
-        if finer:
-            self.growing = growing(eigenvalues(model, self._kinetic, self.step, -scene.mu * law.slope(speed)))
-            # Growth in the finer model alone would start a vibration where this one's sliding is stable.
-            finer = len(self.growing) > 0
-        self._fine: Any = onset.finer_solver(scene, self.step, options) if finer else None
-        distance = slip_distance(scene)
+        law, distance = scene.friction, slip_distance(scene)
+        self._kinetic, self._law = scene.mu * law.ratio(scene.speed_per_load), () if law.constant else law.law
+        self._refines = options.cutoff is None and options.initial is None and bool(model.K.any())
+        self._refines = self._refines and isinstance(scene.rig, Rig)
         self._share = 1.0 - min(onset.LEAD * scene.speed_per_load / distance, 1.0) if distance > 0.0 else 0.0
         self._sample_every = max(round(model.interval / self.step), 1)
         self._row_every = options.rows(self.step)[0]
@@ -129,8 +122,18 @@ class FastRun:
     @property
     def models(self) -> list[tuple[float | None, ReducedModel]]:
         """The models of the run, each with the cut-off asked for."""
-        own = [(self.options.cutoff, self._coarse.model)]
-        return own + ([(onset.finer_cutoff(self.scene.rig), self._fine.model)] if self._fine else [])
+        own, fine = [(self.options.cutoff, self._coarse.model)], vars(self).get("_fine")
+        return own + ([(onset.finer_cutoff(self.scene.rig), fine.model)] if fine else [])
+
+    @cached_property
+    def growing(self) -> Array:
+        """Frequencies of growing motions about steady sliding, Hz; empty where no onset is computed."""
+        return sliding_growth(self.scene, self._coarse.model, self.step) if self._refines else np.zeros(0)
+
+    @cached_property
+    def _fine(self) -> Solver | None:
+        """Solver of the onset; None where there is none. Growth in the finer model alone starts no vibration."""
+        return onset.finer_solver(self.scene, self.step, self.options) if len(self.growing) else None
 
     @property
     def places(self) -> NDArray[np.int64]:
@@ -324,8 +327,8 @@ class FastRun:
             self._end_ramp()
         elif phase == BEFORE_SLIP and stopped:
             self._phase = MOTION
-            if not opened:
-                self._enter_onset()
+            if not opened and self._fine is not None:
+                self._enter_onset(self._fine)
         elif phase == CLOSED and (stopped or opened or now >= self._ends):
             coarse = -(-now // onset.FINER) + round(onset.AFTER / self.step)
             self._phase, self._ends, self._until = OPENED, coarse * onset.FINER, 0
@@ -345,7 +348,7 @@ class FastRun:
 
     def _end_ramp(self) -> None:
         """Stop the acceleration of the clamp, between the impulses of two steps."""
-        self._phase = MOTION if self._fine is None else BEFORE_SLIP
+        self._phase = BEFORE_SLIP if self._refines else MOTION
         if not self._shift.any():
             return
         model, ramp = self.model, self._ramp
@@ -359,9 +362,9 @@ class FastRun:
 
     # The onset.
 
-    def _enter_onset(self) -> None:
+    def _enter_onset(self, fine: Solver) -> None:
         """Go on with more modes and finer steps."""
-        coarse, fine, now = self._coarse, self._fine, self.now
+        coarse, now = self._coarse, self.now
         state = onset.prolong(coarse, fine, *self._between(coarse), self._u)
         self._change_to(fine, state, now * self.step)
         self.record["now"] = now * onset.FINER

@@ -18,6 +18,7 @@ from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.reduced import ReducedModel
 from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.jit import Array, Complex
+from fivcore.transient.normalised import Normalised
 from fivcore.transient.statistics import SLIP
 
 # A run ends where N, in units of F, and speeds, in units of V, stay so close to steady sliding: nine decades below
@@ -106,6 +107,12 @@ def eigenvalues(model: ReducedModel, mu: float, step: float, fall: float = 0.0) 
     """Eigenvalues of steady sliding with coefficient `mu`, 1/s; friction falls with speed by `fall`, N s/m."""
     z = np.linalg.eigvals(step_map(model, step, mu, fall).matrix)
     return np.asarray(np.log(z + np.finfo(float).tiny) / step, dtype=complex)
+
+
+def sliding_growth(scene: Normalised, model: ReducedModel, step: float) -> Array:
+    """Frequencies of motions that grow about the steady sliding of a scene, Hz, ascending."""
+    law, speed = scene.friction, scene.speed_per_load
+    return growing(eigenvalues(model, scene.mu * law.ratio(speed), step, -scene.mu * law.slope(speed)))
 
 
 @lru_cache(maxsize=64)
