@@ -92,15 +92,21 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     stick, dissipation, mobility = step_map(model, step), model.dissipation(contact), contact.delassus
     try:
         z, vectors, into, error = eigenvectors(stick)
-        still = np.linalg.inv(np.eye(2 * size) - stick.matrix)
+        # What a steady force makes of x, and what one that grows by as much in each step leaves behind.
+        still = np.eye(2 * size) - stick.matrix
+        steady = np.linalg.solve(still, stick.impulse)
+        behind = np.linalg.solve(still, steady)
         dashpot = np.linalg.cholesky(dissipation).T if dissipation.any() else np.zeros((2, 2))
     except np.linalg.LinAlgError:
         return NONE
     if not error < ACCURATE or not np.abs(z).max() < 1.0 or not np.abs(z).min() > LEAST:
         return NONE
-    # One of each conjugate pair, counted twice.
-    kept = z.imag >= 0.0
-    z, vectors, into = z[kept], vectors[:, kept] * np.where(z.imag[kept] > 0.0, 2.0, 1.0), into[kept]
+    # One of each conjugate pair, counted twice; empty places have no amplitude.
+    kept = np.flatnonzero(z.imag >= 0.0)
+    empty = ((0, -len(kept) % EIGHT), (0, 0))
+    into = np.pad(into[kept], empty)
+    vectors = np.pad((vectors * np.where(z.imag > 0.0, 2.0, 1.0))[:, kept], empty[::-1])
+    z = np.append(z[kept], np.full(empty[0][1], 0.5))
     count = len(z)
     # Inputs of the contact law with the modes at rest for (p, u, 1, V), and what a unit of V adds in a step.
     inputs = np.zeros((4, 5))
@@ -108,10 +114,8 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     inputs[2:, 2], inputs[3, 3], inputs[1, 4] = -mobility[:, 0], -1.0, step
     force = stick.law @ inputs
     force[0, 2] -= 1.0
-    # What a steady force makes of x, and what one that grows by as much in each step leaves behind.
-    steady = still @ stick.impulse
     line = steady @ force
-    line[:, 3] -= still @ line[:, 4]
+    line[:, 3] -= behind @ force[:, 4]
     # Columns from here on: eigenvectors, (p, u, 1, V), growth.
     x = np.hstack([vectors, line])
     seen = stick.seen @ x
@@ -134,20 +138,17 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     affine = np.vstack([outputs[:, count:], seen[:2, count:]]).real
     outputs = outputs[:, :count]
     sums = force[:, :count] / (1.0 - z)
-    # Empty places among the eigenvalues, and among the modes.
-    empty, places = -count % EIGHT, -(-size // EIGHT) * EIGHT
 
     def rows_of(values: Any) -> Array:
-        wide = np.pad(values, ((0, 0), (0, empty)))
-        return np.hstack([wide.real, -wide.imag])
+        return np.hstack([values.real, -values.imag])
 
     def over_modes(rows: Any) -> Array:
-        wide = np.zeros((len(rows), 2, places))
+        wide = np.zeros((len(rows), 2, -(-size // EIGHT) * EIGHT))
         wide[:, :, :size] = rows.reshape(len(rows), 2, size)
         return wide.reshape(len(rows), -1)
 
     plain, mixed = (
-        np.pad(left @ by_vectors / (1.0 - np.outer(powers, z)), (0, empty))
+        left @ by_vectors / (1.0 - np.outer(powers, z))
         for left, powers in ((by_vectors.T, z), (by_vectors.conj().T, z.conj()))
     )
     form = 0.5 * np.block([
@@ -156,8 +157,8 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     ])  # fmt: skip
     bend = np.minimum(2.0, 0.125 * np.abs(sample_every * np.log(z)) ** 2)
     moduli = np.abs(outputs[[0, 2, 3]])
-    moduli = np.pad(np.vstack([bend * moduli, moduli]), ((0, 0), (0, empty)))
-    powers = np.cumprod(np.vstack([np.ones_like(z), *[z**sample_every] * (ROUND - 1)]), axis=0)
+    powers = np.tile(z**sample_every, (ROUND, 1))
+    powers[0] = 1.0
     # Conjugate: amplitudes are real and imaginary parts, what they are multiplied with has the latter negative.
     way_in, way_back = rows_of(into.conj().T).T, rows_of(vectors).T
     block, place = np.divmod(places_of(model)[0], at.BLOCK)
@@ -165,9 +166,9 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
         outputs=rows_of(outputs),
         earlier=rows_of(earlier[:, :count]),
         sums=rows_of(np.vstack([sums, both])),
-        logarithm=rows_of(np.log(z)[None])[0],
-        moduli=moduli,
-        powers=rows_of(powers),
+        logarithm=np.append(np.log(z).real, -np.log(z).imag),
+        moduli=np.vstack([bend * moduli, moduli]),
+        powers=rows_of(np.cumprod(powers, axis=0)),
         form=form,
         affine=affine,
         losses=lost,
