@@ -86,9 +86,8 @@ def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
     own = np.append(axial_values, bending_values)
     order = np.argsort(own)
     values, moved, relative = supported_modes(own[order], parts[order], total - float(parts @ parts))
-    relative = relative[np.argsort(order)]
     ascending = np.argsort(values, kind="stable")
-    values, moved, relative = values[ascending], moved[ascending], relative[:, ascending]
+    values, moved, relative = values[ascending], moved[ascending], relative[ascending][:, np.argsort(order)].T
     u, w, shapes = u @ relative[:na], w @ relative[na:], np.zeros((beam.elements + 1, 3, len(values) + 1))
     shapes[:, 1, 0] = 1.0 / np.sqrt(total)
     shapes[1:, 0, 1:] = axis[0] * u + transverse[0] * w[0::2]
@@ -170,7 +169,7 @@ def supported_modes(own: Array, parts: Array, support: float) -> tuple[Array, Ar
     values, moved : ndarray, (n,)
         Squared frequencies, rad2/s2, each above its own, and displacements of the support, kg^-1/2.
     shapes : ndarray, (n, n)
-        Mass-normalised modes, one a column, in the modes of the clamped structure.
+        Mass-normalised modes, one a row, in the modes of the clamped structure.
     """
     n, m, total, pole = len(own), 0, 0.0, 0.0
     values, moved, shapes, moving = own.copy(), np.zeros(n), np.eye(n), np.empty(n, dtype=np.int64)
@@ -190,12 +189,12 @@ def supported_modes(own: Array, parts: Array, support: float) -> tuple[Array, Ar
     for k in range(m):
         root, slope, j = secular_root(k, d, w[:m], support, gap), 0.0, moving[k]
         for i in range(m):
-            shapes[moving[i], j] = parts[moving[i]] / gap[i]
-            slope += shapes[moving[i], j] ** 2 * d[i]
+            q = parts[moving[i]] / gap[i]
+            shapes[j, moving[i]] = q
+            slope += q * q * d[i]
         scale = np.sqrt(root / slope)
         values[j], moved[j] = root, scale / root
-        for i in range(m):
-            shapes[moving[i], j] *= scale
+        shapes[j] *= scale
     return values, moved, shapes
 
 

@@ -72,9 +72,11 @@ def upper_modes(theta: float, head_mass: float, along: float, across: float, mod
     support = head_mass + cosine * cosine * rest[0] + sine * sine * rest[1]
     values, moved, shapes = supported_modes(poles, parts, support)
     result = np.zeros((3, n + 1))
-    result[0, 1:], result[1, 0], result[1, 1:] = values, np.sqrt(1.0 / (1.0 + head_mass)), moved
-    for i in range(n):
-        for k in range(n):
-            result[1, k + 1] += y[i] * shapes[i, k]
-            result[2, k + 1] += x[i] * shapes[i, k]
+    result[0, 1:], result[1, 0] = values, np.sqrt(1.0 / (1.0 + head_mass))
+    for k in range(n):
+        normal, tangential = moved[k], 0.0
+        for i in range(n):
+            normal += y[i] * shapes[k, i]
+            tangential += x[i] * shapes[k, i]
+        result[1, k + 1], result[2, k + 1] = normal, tangential
     return result
