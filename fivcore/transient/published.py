@@ -32,7 +32,7 @@ from fivcore.rig import Rig, Structural
 from fivcore.structure import structure_of
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
-from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter
+from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter, first_counted
 from fivcore.transient.stepped import SteppedRun
 
 # Section 3.3 of the paper: time step, beta2 and the relaxation time of the friction law.
@@ -126,7 +126,7 @@ class PaperRun(SteppedRun):
         record["kinetic"] = scene.mu * friction.kinetic_ratio if friction.constant else scene.mu
         record["speed"], record["ramp"] = speed, ramp
         record["W_NN"], record["W_NT"], record["W_TT"] = contact_closing(model, dt, b)
-        record["settle"] = int(np.ceil(record["settled_from"][0] / dt - 1.0))
+        record["settle"] = first_counted(record["settled_from"][0], dt, 1.0)
         # The unit load alone: at rest stiffness times displacement is load plus normal force.
         self._load = model.stiffness * model.rest - model.normal
         q, T = model.rest.copy(), 0.0
@@ -292,7 +292,7 @@ def advance(
             if enter(scene, was, contact, t):
                 sticks[scene.sticks - 1] = (scene.last_stick, t)
             if scene.settled_from < np.inf:
-                scene.settle = int(np.ceil(scene.settled_from / dt - 1.0))
+                scene.settle = first_counted(scene.settled_from, dt, 1.0)
         scene.work += dt * T * (V * t / ramp if t < ramp else V)
         scene.friction -= dt * T * slip_rate
         sampled = now % scene.sample_every == 0

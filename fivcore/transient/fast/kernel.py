@@ -27,7 +27,7 @@ from fivcore.friction import friction_ratio, slip_speed
 from fivcore.jit import called, contracted, inlined, kernel, reordered
 from fivcore.transient.fast import data as at
 from fivcore.transient.fast.skip import skip
-from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, enter
+from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, enter, first_counted
 
 # Unsigned numbers are no candidates for an index from the end.
 _A, _B, _C, _D = (np.uint64(row * at.BLOCK) for row in (at.A, at.B, at.C, at.D))
@@ -433,7 +433,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
             if contact == SEPARATION and scene.until_open != 0:
                 scene.stopped = 1
             if scene.settled_from < np.inf:
-                scene.settle = int(np.ceil(scene.settled_from * per_step - 0.5))
+                scene.settle = first_counted(scene.settled_from, step, 0.5)
             waits = contact == STICK and scene.may_skip != 0
             scene.next_skip = scene.next_sample + at.MIN_SAMPLES * scene.sample_every if waits else at.NEVER
             until = pause(scene, now)

@@ -23,7 +23,7 @@ from fivcore.rig import Rig
 from fivcore.transient.fast import data as at
 from fivcore.transient.fast import onset
 from fivcore.transient.fast.kernel import advance
-from fivcore.transient.fast.skip import NONE, skip_tables, workspace_for
+from fivcore.transient.fast.skip import NONE, SkipTables, skip_tables, workspace_for
 from fivcore.transient.fast.solver import Solver, put, solver_of, take
 from fivcore.transient.fast.steady import NEAR, SteadySliding, sliding_growth, steady_sliding
 from fivcore.transient.normalised import Normalised, State, displacement, residual_gaps, slip_distance
@@ -38,6 +38,7 @@ from fivcore.transient.statistics import (
     STICK,
     Segment,
     count_in,
+    first_counted,
     room_for_sticks,
 )
 from fivcore.transient.stepped import duplicate
@@ -56,32 +57,20 @@ RAMP, BEFORE_SLIP, CLOSED, OPENED, MOTION = range(5)
 
 
 class FastRun:
-    """One run in progress; `begun` is its start, s, if it continues another run."""
+    """One run in progress; `begun` is its start, s, if it continues another run.
+
+    What changes on the way: the motion in `record`, `blocks` and `tangent`; `_shift`, the modes' equilibrium in an
+    accelerating frame; the model in use, `_solver`; the phase and its end, `_phase` and `_ends`; the segment's,
+    `_until`, `_length` and `_fine_energy`; where the run pauses and ends, `pause` and `steps`; and whether it may
+    end early, `may_settle`. A copy (`stepped.duplicate`) goes on alike.
+    """
 
     begun = 0.0
 
     def __init__(self, scene: Normalised, options: Options) -> None:
         self.scene, self.options = scene, options
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
-        self.step = default_step(model, scene, options.duration) if options.step is None else options.step
-        limit, what = model.largest_step, "the contact"
-        if model.default_step < self.step <= limit and not stable(model, scene.mu, self.step):
-            limit, what = largest_stable_step(model, scene.mu, self.step), f"slip with mu = {scene.mu:g}"
-        if self.step > limit:
-            raise SceneValueError(
-                f"step = {self.step:g}: with these modes it must be at most {at_most(limit, 3)} s;"
-                f" beyond, {what} is unstable"
-            )
-        if scene.mu >= (most := model.painleve_mu(self.step)):
-            raise not_unique(scene.mu, most)
-        check_falling(model, scene, self.step)
-        least = least_step(model, options.duration)
-        if self.step < least:
-            what, damping = f"step = {self.step:g}: it must be at least {least:g} s", float(model.damping.max())
-            if options.step is None and self.step * damping > 1.0:
-                what = f"d1 = {scene.rig.d1:g}, d2 = {scene.rig.d2:g}: d1 + d2 omega^2 = {damping:.4g} of the"
-                what += f" fastest mode must be at most {at_most(2.0 / least, 3)} 1/s"
-            raise SceneValueError(f"{what} over this duration, or a segment has more than {MOST_ROOM:g} steps")
+        self.step = checked_step(model, scene, options)
         # The run goes no further than to step `pause`, which may move.
         self.pause = self.steps = max(round(options.duration / self.step), 1)
         # A ramp shorter than a step is none.
@@ -105,7 +94,6 @@ class FastRun:
         self.record = options.record_of(scene, at.SCENE)
         # A deviation that follows the motion (`kernel.advance`).
         self.tangent: Any = ()
-        self._tables = NONE
         self._solver = self._coarse = solver_of(model, self.step)
         self.blocks = aligned(self._solver.blocks)
         self._start(options.initial)
@@ -209,7 +197,7 @@ class FastRun:
 
     def _set_settle(self, record: Any) -> None:
         settled = float(record["settled_from"][0])
-        record["settle"] = int(np.ceil(settled / self._solver.step - 0.5)) if settled < np.inf else 0
+        record["settle"] = first_counted(settled, self._solver.step, 0.5) if settled < np.inf else 0
 
     def _use(self, solver: Solver) -> None:
         """Go on with a solver; the record keeps what belongs to the run."""
@@ -259,25 +247,23 @@ class FastRun:
 
     def advance(self) -> None:
         """Go on to the end of the next segment and leave in `segments` what happened there."""
-        self._plan()
-        scene = self.record[0]
+        tables, scene = self._plan(), self.record[0]
         begun, last, every = int(scene["now"]), int(scene["last"]), int(scene["sample_every"])
         samples = np.empty((count_in(begun, last, every), SAMPLE))
         rows = np.empty((count_in(begun, last, int(scene["row_every"])), 6))
         sticks, modes = np.empty((int(scene["stick_room"]), 2)), self.blocks.ravel()
-        work = workspace_for(self._tables)
-        advance(self.record, modes, samples, rows, sticks, self._tables, work, self._law, self.tangent)
+        advance(self.record, modes, samples, rows, sticks, tables, workspace_for(tables), self._law, self.tangent)
         first, count = -(-begun // every), int(scene["samples"])
         t = np.asarray((np.arange(first, first + count) * every + 0.5) * self._solver.step)
         segment = Segment(t, samples[:count], sticks[: int(scene["sticks"])], rows[: int(scene["rows"])])
         self.segments = [segment]
         self._conclude(segment)
 
-    def _plan(self) -> None:
-        """Decide where the next segment ends and what ends it before."""
+    def _plan(self) -> SkipTables:
+        """Decide where the next segment ends and what ends it before; return tables of its skips."""
         record, solver, finer = self.record, self._solver, self._finer
         every, rows = self._sample_every * finer, self._row_every * finer
-        now, self._tables = int(record["now"][0]), NONE
+        now, tables = int(record["now"][0]), NONE
         # No skip crosses a multiple of this; segments end there, so that recording changes nothing.
         grid = at.MAX_SKIP * every
         if now >= self._until:
@@ -286,7 +272,7 @@ class FastRun:
             decay = float(self._coarse.model.damping.max()) * self._coarse.model.interval
             self._fine_energy = self.time < self._short and decay > FAST_DECAY
         if self._phase in (BEFORE_SLIP, MOTION) and self.options.skip and now * self.step >= self._ramp:
-            self._tables = skip_tables(solver.model, solver.step, every)
+            tables = skip_tables(solver.model, solver.step, every)
         last = self._until
         if rows:
             piece = grid * max(MOST_ROWS * rows // grid, 1)
@@ -298,8 +284,8 @@ class FastRun:
         energy = 1 if self._fine_energy else every
         record["energy_every"], record["next_energy"] = energy, -(-now // energy) * energy
         record["row_every"], record["next_row"] = rows, -(-now // rows) * rows if rows else at.NEVER
-        record["may_skip"] = self._tables is not NONE
-        if self._tables is NONE:
+        record["may_skip"] = tables is not NONE
+        if tables is NONE:
             record["next_skip"] = at.NEVER
         elif record["contact"] == STICK:
             # At the next sample at the earliest.
@@ -308,6 +294,7 @@ class FastRun:
         record["stopped"] = record["samples"] = record["rows"] = record["sticks"] = 0
         step = solver.step
         record["stick_room"] = room_for_sticks(now * step, last * step, float(record["least_stick"][0]), step)
+        return tables
 
     def _segment_end(self, now: int, grid: int) -> int:
         if self._phase == OPENED:
@@ -424,7 +411,7 @@ class FastRun:
         record["u_N"], record["u_T"] = u
         velocity, N, T, slip_rate, _ = row = steady.row(speed)
         sample = [velocity, slip_rate, N, *(float(record[name][0]) for name in SAMPLED_COUNTERS)]
-        settled = int(np.clip(np.ceil(record["settled_from"][0] / step - 0.5), first, last))
+        settled = int(np.clip(first_counted(record["settled_from"][0], step, 0.5), first, last))
         if settled > first:
             for name in SETTLED:
                 record[name] = 0.0
@@ -479,6 +466,30 @@ class FastRun:
         moving = self.blocks[:, at.Q : at.V + 1]
         moving[np.abs(moving) < floor] = 0.0
         return bool(np.isfinite(moving).all())
+
+
+def checked_step(model: ReducedModel, scene: Normalised, options: Options) -> float:
+    """Step of a run, s, if steps so long are stable, so short not too many, and have a unique solution."""
+    step = default_step(model, scene, options.duration) if options.step is None else options.step
+    limit, what = model.largest_step, "the contact"
+    if model.default_step < step <= limit and not stable(model, scene.mu, step):
+        limit, what = largest_stable_step(model, scene.mu, step), f"slip with mu = {scene.mu:g}"
+    if step > limit:
+        raise SceneValueError(
+            f"step = {step:g}: with these modes it must be at most {at_most(limit, 3)} s;"
+            f" beyond, {what} is unstable"
+        )
+    if scene.mu >= (most := model.painleve_mu(step)):
+        raise not_unique(scene.mu, most)
+    check_falling(model, scene, step)
+    least = least_step(model, options.duration)
+    if step < least:
+        what, damping = f"step = {step:g}: it must be at least {least:g} s", float(model.damping.max())
+        if options.step is None and step * damping > 1.0:
+            what = f"d1 = {scene.rig.d1:g}, d2 = {scene.rig.d2:g}: d1 + d2 omega^2 = {damping:.4g} of the"
+            what += f" fastest mode must be at most {at_most(2.0 / least, 3)} 1/s"
+        raise SceneValueError(f"{what} over this duration, or a segment has more than {MOST_ROOM:g} steps")
+    return step
 
 
 def least_step(model: ReducedModel, duration: float) -> float:
