@@ -68,7 +68,7 @@ class FallingRun(ExactRun):
         size = np.sqrt(energy + model.W[0, 0] / model.stiffness.max())
         self._which, self._origin, self._amplitudes = which, t, y.copy()
         drive = (self._clamp_velocity(t), self._drive(t)[1], 1.0 if which == SLIP_UP else -1.0)
-        modes = (model.stiffness, model.damping, model.shapes, model.inertia, model.point_b)
+        modes = (model.stiffness, model.damping, model.shapes, model.inertia, model.output)
         self._system = (*modes, model.K, C, self._law, drive, self.rigid)
         start = np.concatenate([q, v, y[-1:], np.zeros(4)])
         least_u = 1.0 if self.rigid else model.K[1, 1] ** -0.5

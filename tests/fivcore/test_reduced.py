@@ -14,7 +14,14 @@ from fivcore import ContactError, Rig, Scene, painleve_mu, simulate
 from fivcore.beams.modes import propagator
 from fivcore.contact import step_map
 from fivcore.contact.impulse import SMALL, at_impulses, between_impulses
-from fivcore.contact.reduced import DAMPING, ReducedModel, default_cutoff, full_model, modified, reduced_model
+from fivcore.contact.reduced import (
+    CONTACT_DAMPING,
+    ReducedModel,
+    default_cutoff,
+    full_model,
+    modified,
+    reduced_model,
+)
 from fivcore.rig import P1, P2
 from fivcore.transient.fast.steady import steady_sliding
 from fivcore.transient.published import STEP, TAU, contact_closing
@@ -42,7 +49,7 @@ def test_the_contacts_damping_ratio_is_what_it_should_be(make):
     squares, shapes = eigh(model.K, np.linalg.inv(model.W))
     assert np.sqrt(squares[-1]) == pytest.approx(model.contact_frequency)
     damping = shapes[:, -1] @ model.C @ shapes[:, -1]
-    assert damping == pytest.approx(2.0 * DAMPING * model.contact_frequency)
+    assert damping == pytest.approx(2.0 * CONTACT_DAMPING * model.contact_frequency)
 
 
 @given(st.floats(-6.0, 0.5), st.floats(0.0, 2.0), st.booleans())
@@ -115,12 +122,12 @@ ELASTIC = partial(with_dashpot, factor=0.0)
 
 def test_a_changed_dashpot_changes_nothing_else():
     own = reduced_model(Rig(), 5.0, CUTOFF)
-    np.testing.assert_allclose(own.C, 2.0 * DAMPING / own.contact_frequency * own.K, rtol=1e-14)
+    np.testing.assert_allclose(own.C, 2.0 * CONTACT_DAMPING / own.contact_frequency * own.K, rtol=1e-14)
     for factor in (0.0, 0.5, 2.0):
         model = with_dashpot(own, factor)
         np.testing.assert_allclose(model.C, factor * own.C, rtol=1e-14)
         assert np.array_equal(model.K, own.K)
-        assert np.array_equal(model.rest, own.rest)
+        assert np.array_equal(model.static_equilibrium, own.static_equilibrium)
     # At least the material's.
     np.testing.assert_allclose(reduced_model(Rig(d2=1e-2), 5.0, CUTOFF).C, 1e-2 * own.K, rtol=1e-14)
     modify = partial(with_dashpot, factor=0.6)

@@ -223,7 +223,7 @@ def test_a_state_of_the_mirrored_scene_is_refused():
 
 def test_the_contact_follows_from_gap_and_rate():
     rig, full = Rig(), full_model(Rig(), 5.0)
-    q, still = 9.0 * full.rest, np.zeros(len(full.rest))
+    q, still = 9.0 * full.static_equilibrium, np.zeros(len(full.normal))
     assert State.of(SCENE, q, still).contact == 2
     up = 1e-6 * full.normal / (full.normal @ full.normal)
     assert State.of(SCENE, q + up, still).contact == 0

@@ -10,8 +10,7 @@ from fivcore import Rig
 from fivcore.beams.modes import propagator
 from fivcore.contact.reduced import ReducedModel
 from fivcore.transient import exact, published
-from fivcore.transient.fast import data as at
-from fivcore.transient.fast import kernel
+from fivcore.transient.fast import kernel, layout
 from fivcore.transient.fast.run import aligned
 from fivcore.transient.fast.skip import NONE, workspace_for
 from fivcore.transient.fast.solver import Solver, put, take
@@ -70,7 +69,7 @@ class Fast:
 
     def __init__(self, system, step):
         self.model, self.step = system.model, step
-        rest, normal, tangential = self.model.rest, system.normal, system.tangential
+        rest, normal, tangential = self.model.static_equilibrium, system.normal, system.tangential
         self.solver = Solver(self.model, step)
         u = np.array(system.u)
         if self.model.K.any() and system.contact != SEPARATION:
@@ -84,8 +83,8 @@ class Fast:
         # Impulses come in the middle of a step.
         x, v = self._moved(away, system.v, 0.5 * step)
         blocks = self.solver.blocks.copy()
-        put(blocks, self.solver.places, at.Q, x)
-        put(blocks, self.solver.places, at.V, v)
+        put(blocks, self.solver.places, layout.Q, x)
+        put(blocks, self.solver.places, layout.V, v)
         self.modes = aligned(blocks).ravel()
         fill(record, g_N=normal @ x, g_T=tangential @ x, v_N=normal @ v, v_T=tangential @ v)
         self.first = self.energy()
@@ -110,11 +109,12 @@ class Fast:
     def _state(self):
         """Displacements about rest and velocities at the start of the step."""
         blocks = self.modes.reshape(self.solver.blocks.shape)
-        return self._moved(*(take(blocks, self.solver.places, row) for row in (at.Q, at.V)), -0.5 * self.step)
+        x, v = (take(blocks, self.solver.places, row) for row in (layout.Q, layout.V))
+        return self._moved(x, v, -0.5 * self.step)
 
     @property
     def q(self):
-        return self._state()[0] + self.model.rest
+        return self._state()[0] + self.model.static_equilibrium
 
     def energy(self):
         """Of modes, load and element."""
@@ -154,7 +154,7 @@ def by_exact(system, duration, step, every=8):
         while not run.done:
             run.advance()
             rows += [segment.rows for segment in run.segments]
-            places.append(run._state_at(run._now)[: len(system.k)] + run.model.rest)
+            places.append(run._state_at(run._now)[: len(system.k)] + run.model.static_equilibrium)
     times = np.minimum(np.arange(1, len(places) + 1) * every, run.steps) * step
     return times, np.array(places), np.concatenate(rows)
 

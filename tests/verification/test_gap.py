@@ -75,7 +75,7 @@ def replayed(model, held, speed, ramp, time, N, T):
         q, v = x, y
     # Impulses see less of the modes' flexibility than a lasting force does; their element has it instead.
     contact, u = model.discrete(step), np.zeros(len(N))
-    defect, closed = float(contact.defect[0, 0]), float(model.normal @ model.rest)
+    defect, closed = float(contact.defect[0, 0]), float(model.normal @ model.static_equilibrium)
     if contact.flexibility.any():
         lasting, tau = contact.flexibility[0] @ np.stack([N, T]), contact.tau
         # Over the part of a step before its record, and over what is left of it.

@@ -24,7 +24,7 @@ def lively(rig, theta, mu, F, speed, contact):
     """Modes below 60 kHz moving at random; P1 falls, rests, or is bent by friction and lags behind."""
     model = full_model(rig, theta)
     rng = np.random.default_rng(contact)
-    q = F * model.rest
+    q = F * model.static_equilibrium
     low = model.stiffness < (2.0 * np.pi * 60e3) ** 2
     v = np.sqrt(1e-3) * speed * rng.standard_normal(len(q)) * low
     if contact == SEPARATION:

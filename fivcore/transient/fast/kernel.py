@@ -25,15 +25,15 @@ import numpy as np
 
 from fivcore.friction import friction_ratio, slip_speed
 from fivcore.jit import called, contracted, inlined, kernel, reordered
-from fivcore.transient.fast import data as at
+from fivcore.transient.fast import layout
 from fivcore.transient.fast.skip import skip
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, enter, first_counted
 
 # Unsigned numbers are no candidates for an index from the end.
-_A, _B, _C, _D = (np.uint64(row * at.BLOCK) for row in (at.A, at.B, at.C, at.D))
-_NORMAL, _TANGENTIAL = (np.uint64(row * at.BLOCK) for row in (at.NORMAL, at.TANGENTIAL))
-_Q, _V, _POINT_B, _DAMPING = (np.uint64(row * at.BLOCK) for row in (at.Q, at.V, at.POINT_B, at.DAMPING))
-_BLOCK_SIZE = np.uint64(at.BLOCK_SIZE)
+_A, _B, _C, _D, _NORMAL, _TANGENTIAL, _Q, _V, _OUTPUT, _DAMPING = (
+    np.uint64(row * layout.BLOCK) for row in range(layout.BLOCK_ROWS)
+)
+_BLOCK_SIZE = np.uint64(layout.BLOCK_SIZE)
 
 
 @reordered
@@ -75,7 +75,7 @@ def move_normal(x: Any, first: Any, count: Any, impulse_N: float) -> Any:
 @inlined
 def block(k: int, size: int) -> Any:
     """Where block k begins, and how many of `size` places it has."""
-    return np.uint64(k) * _BLOCK_SIZE, np.uint64(min(size - k * at.BLOCK, at.BLOCK))
+    return np.uint64(k) * _BLOCK_SIZE, np.uint64(min(size - k * layout.BLOCK, layout.BLOCK))
 
 
 @inlined
@@ -109,7 +109,7 @@ def observe(x: Any, first: Any, count: Any, last_N: float, last_T: float) -> Any
         normal, tangential = x[j + _NORMAL], x[j + _TANGENTIAL]
         v = x[j + _V] + x[j + _D] * (normal * last_N + tangential * last_T)
         lost = x[j + _DAMPING] * v
-        speed += x[j + _POINT_B] * v
+        speed += x[j + _OUTPUT] * v
         power += lost * v
         by_N += lost * normal
         by_T += lost * tangential
@@ -123,11 +123,11 @@ def advance(
 ) -> None:  # fmt: skip
     """Take a scene to the end of its segment.
 
-    `scenes` (1,) is its record of `data.SCENE` and `modes` its blocks in a row. `samples` (any, SAMPLE),
+    `scenes` (1,) is its record of `layout.SCENE` and `modes` its blocks in a row. `samples` (any, SAMPLE),
     `rows` (any, 6) and `sticks` (any, 2), begin and end, are written as in `statistics.Segment`; `tables` and
     `work` are those of `skip.skip`. `law` is `Friction.law` where friction depends on the slip rate, else (): each
     is compiled by itself. `tangent` is () or a small deviation that follows a motion without skips and without
-    rigid contact: its record (1,) of `data.TANGENT` and its modes, like `modes`.
+    rigid contact: its record (1,) of `layout.TANGENT` and its modes, like `modes`.
     """
     scene = scenes[0]
     while scene.stopped == 0 and scene.now < scene.last:
@@ -434,8 +434,9 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                 scene.stopped = 1
             if scene.settled_from < np.inf:
                 scene.settle = first_counted(scene.settled_from, step, 0.5)
-            waits = contact == STICK and scene.may_skip != 0
-            scene.next_skip = scene.next_sample + at.MIN_SAMPLES * scene.sample_every if waits else at.NEVER
+            scene.next_skip = layout.NEVER
+            if contact == STICK and scene.may_skip != 0:
+                scene.next_skip = scene.next_sample + layout.MIN_SAMPLES * scene.sample_every
             until = pause(scene, now)
         if rigid:
             scene.lasting = 1.0 if closed and was != SEPARATION and not np.isnan(scene.last_p) else 0.0
@@ -445,7 +446,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
             scene.after_N, scene.after_T = 2.0 * mean_N - vN, 2.0 * mean_T - vT
             scene.last_p, scene.last_N = p, N
         if now == due:
-            speed += scene.point_B[0] * impulse_N + scene.point_B[1] * impulse_T
+            speed += scene.output[0] * impulse_N + scene.output[1] * impulse_T
             power += (power_N + scene.damped_by[0] * impulse_N) * impulse_N
             power += (power_T + scene.damped_by[1] * impulse_N + scene.damped_by[2] * impulse_T) * impulse_T
             if scene.next_sample == now:

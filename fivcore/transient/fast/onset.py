@@ -66,7 +66,7 @@ def restrict(many: Solver, few: Solver, q: Array, v: Array, u: Array, touches: b
     model, common = many.model, few.model.kept[many.model.kept]
     force = many.contact.stiffness @ u if touches else np.zeros(2)
     still = q - many.between_impulses(force)
-    lost = model.shapes[:, ~common] @ (still + model.rest)[~common]
+    lost = model.shapes[:, ~common] @ (still + model.static_equilibrium)[~common]
     # Each u includes the compliance defect of its own step (`fivcore.contact.impulse`).
     defect = (few.contact.defect - many.contact.defect) @ force
     return still[common] + few.between_impulses(force), v[common], u + lost + defect

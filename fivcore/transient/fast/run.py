@@ -20,8 +20,7 @@ from fivcore.contact.step_map import at_most, largest_stable_step, stable
 from fivcore.errors import SceneValueError, not_unique
 from fivcore.jit import Array
 from fivcore.rig import Rig
-from fivcore.transient.fast import data as at
-from fivcore.transient.fast import onset
+from fivcore.transient.fast import layout, onset
 from fivcore.transient.fast.kernel import advance
 from fivcore.transient.fast.skip import NONE, SkipTables, skip_tables, workspace_for
 from fivcore.transient.fast.solver import Solver, put, solver_of, take
@@ -91,7 +90,7 @@ class FastRun:
         # record may cut into several.
         self._phase, self._ends, self._until = RAMP, int(self._ramp / self.step), 0
         self.segments: Iterable[Segment] = ()
-        self.record = options.record_of(scene, at.SCENE)
+        self.record = options.record_of(scene, layout.SCENE)
         # A deviation that follows the motion (`kernel.advance`).
         self.tangent: Any = ()
         self._solver = self._coarse = solver_of(model, self.step)
@@ -136,10 +135,10 @@ class FastRun:
         u: Array = np.zeros(2)
         contact = self.options.contact
         if initial is None:
-            q, v = (np.zeros(len(model.rest)) for _ in range(2))
+            q, v = (np.zeros(len(model.normal)) for _ in range(2))
             u = solver.contact.flexibility[0]
         else:
-            q = initial.displacement[model.kept] - model.rest
+            q = initial.displacement[model.kept] - model.static_equilibrium
             v = initial.velocity[model.kept].copy()
             if model.K.any():
                 u = residual_gaps(scene, model.kept, initial)
@@ -214,11 +213,11 @@ class FastRun:
     def _place(self, q: Array, v: Array) -> None:
         """Put the modes where they are before an impulse."""
         model, record = self.model, self.record
-        put(self.blocks, self.places, at.Q, q)
-        put(self.blocks, self.places, at.V, v)
+        put(self.blocks, self.places, layout.Q, q)
+        put(self.blocks, self.places, layout.V, v)
         record["g_N"], record["g_T"] = model.normal @ q, model.tangential @ q
         record["v_N"], record["v_T"] = model.normal @ v, model.tangential @ v
-        for name in at.RIGID.split():
+        for name in layout.RIGID.split():
             record[name] = np.nan
         record["p_rest"] = self._solver.at_rest[0]
         record["T_rest"] = self._solver.at_rest[1] + model.tangential @ self._shift
@@ -265,7 +264,7 @@ class FastRun:
         every, rows = self._sample_every * finer, self._row_every * finer
         now, tables = int(record["now"][0]), NONE
         # No skip crosses a multiple of this; segments end there, so that recording changes nothing.
-        grid = at.MAX_SKIP * every
+        grid = layout.MAX_SKIP * every
         if now >= self._until:
             self._until = self._segment_end(now, grid)
             # In the first segments a start that is no rest may decay within less than a sample.
@@ -283,14 +282,14 @@ class FastRun:
         record["sample_every"], record["next_sample"] = every, -(-now // every) * every
         energy = 1 if self._fine_energy else every
         record["energy_every"], record["next_energy"] = energy, -(-now // energy) * energy
-        record["row_every"], record["next_row"] = rows, -(-now // rows) * rows if rows else at.NEVER
+        record["row_every"], record["next_row"] = rows, -(-now // rows) * rows if rows else layout.NEVER
         record["may_skip"] = tables is not NONE
         if tables is NONE:
-            record["next_skip"] = at.NEVER
+            record["next_skip"] = layout.NEVER
         elif record["contact"] == STICK:
             # At the next sample at the earliest.
             due = int(record["next_skip"][0])
-            record["next_skip"] = max(due if due < at.NEVER else 0, int(record["next_sample"][0]))
+            record["next_skip"] = max(due if due < layout.NEVER else 0, int(record["next_sample"][0]))
         record["stopped"] = record["samples"] = record["rows"] = record["sticks"] = 0
         step = solver.step
         record["stick_room"] = room_for_sticks(now * step, last * step, float(record["least_stick"][0]), step)
@@ -345,7 +344,7 @@ class FastRun:
         self.record["work"] += self._ramp_work(before_q + self._shift)
         self.record["work"] += np.sum(push * (before_v + 0.5 * push))
         self._shift = np.zeros(len(q))
-        self._place(self._row(at.Q) + q, self._row(at.V) + v)
+        self._place(self._row(layout.Q) + q, self._row(layout.V) + v)
 
     # The onset.
 
@@ -367,7 +366,7 @@ class FastRun:
 
     def _between(self, solver: Solver) -> tuple[Array, Array]:
         """Displacements and velocities half a step ago, between two impulses."""
-        return _move(solver.model, self._row(at.Q), self._row(at.V), -0.5 * solver.step)
+        return _move(solver.model, self._row(layout.Q), self._row(layout.V), -0.5 * solver.step)
 
     def _change_to(self, solver: Solver, state: tuple[Array, Array, Array], t: float) -> None:
         """Go on with another model and step from modes and u at time t, between two impulses."""
@@ -385,7 +384,7 @@ class FastRun:
     def _slip_variation(self, segment: Segment) -> float:
         """By how much the slip rate varied at the end of a segment; infinite where the contact does not slide."""
         # As many whatever the segment's length: a record cuts segments into several.
-        recent = segment.samples[-at.MAX_SKIP // 4 :, 1]
+        recent = segment.samples[-layout.MAX_SKIP // 4 :, 1]
         slides = self.record["contact"][0] == SLIP and len(recent) > 1
         return float(np.ptp(recent)) if slides else np.inf
 
@@ -396,7 +395,7 @@ class FastRun:
             return None
         steady = steady_sliding(self.model, self._kinetic, self.step)
         self.may_settle = steady is not None and steady.decays
-        state = self._row(at.Q), self._row(at.V), self._u
+        state = self._row(layout.Q), self._row(layout.V), self._u
         return steady if steady is not None and steady.is_permanent(*state, speed) else None
 
     def _fill(self, steady: SteadySliding) -> Iterator[Segment]:
@@ -446,8 +445,8 @@ class FastRun:
 
     def stored_energy(self) -> float:
         """Energy of the modes about the equilibrium, the springs, the load and the ramp's push, normalised."""
-        q = self._row(at.Q) + self._shift
-        return self._energy_of(q, self._row(at.V), self._u) - self._ramp_work(q)
+        q = self._row(layout.Q) + self._shift
+        return self._energy_of(q, self._row(layout.V), self._u) - self._ramp_work(q)
 
     def _ramp_work(self, q: Array) -> float:
         """Work of the accelerating clamp on the inertia of P2 over modal displacements."""
@@ -463,7 +462,7 @@ class FastRun:
 
     def flush(self, floor: float) -> bool:
         """Set what is far below every scale to zero; False where a number is not finite."""
-        moving = self.blocks[:, at.Q : at.V + 1]
+        moving = self.blocks[:, layout.Q : layout.V + 1]
         moving[np.abs(moving) < floor] = 0.0
         return bool(np.isfinite(moving).all())
 
@@ -494,7 +493,7 @@ def checked_step(model: ReducedModel, scene: Normalised, options: Options) -> fl
 
 def least_step(model: ReducedModel, duration: float) -> float:
     """Shortest step of a run, s."""
-    return min(duration, at.MAX_SKIP * model.interval) / MOST_ROOM
+    return min(duration, layout.MAX_SKIP * model.interval) / MOST_ROOM
 
 
 def default_step(model: ReducedModel, scene: Normalised, duration: float) -> float:

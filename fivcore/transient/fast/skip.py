@@ -25,7 +25,7 @@ from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.reduced import ReducedModel
 from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.jit import Array, called, reordered_call
-from fivcore.transient.fast import data as at
+from fivcore.transient.fast import layout
 from fivcore.transient.fast.solver import places_of
 from fivcore.transient.statistics import STICK
 
@@ -88,7 +88,7 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     """
     if not model.K.any():
         return NONE
-    contact, gaps, size = model.discrete(step), model.shapes, len(model.rest)
+    contact, gaps, size = model.discrete(step), model.shapes, len(model.normal)
     stick, dissipation, mobility = step_map(model, step), model.dissipation(contact), contact.delassus
     try:
         z, vectors, into, error = eigenvectors(stick)
@@ -125,7 +125,7 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     N, T = force = stick.law @ seen
     net = force.copy()
     net[0, count + 2] -= 1.0
-    B = model.point_b @ (x[size:] + 0.5 * step * gaps.T @ net)
+    B = model.output @ (x[size:] + 0.5 * step * gaps.T @ net)
     outputs = np.stack([N, B, T, seen[0] - contact.slip.decay * earlier[0]])
     # Rates in the middle of the impulse, weighted so that the sum of their squares is what a step loses.
     rates = np.sqrt(step) * np.vstack([
@@ -161,7 +161,7 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     powers[0] = 1.0
     # Conjugate: amplitudes are real and imaginary parts, what they are multiplied with has the latter negative.
     way_in, way_back = rows_of(into.conj().T).T, rows_of(vectors).T
-    block, place = np.divmod(places_of(model)[0], at.BLOCK)
+    block, place = np.divmod(places_of(model)[0], layout.BLOCK)
     tables = SkipTables(
         outputs=rows_of(outputs),
         earlier=rows_of(earlier[:, :count]),
@@ -176,7 +176,7 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
         back=over_modes(way_back).T,
         drift=over_modes(line.T).T,
         shapes=over_modes(np.kron(np.eye(2), gaps)),
-        numbers=at.Q * at.BLOCK + block * at.BLOCK_SIZE + place,
+        numbers=layout.Q * layout.BLOCK + block * layout.BLOCK_SIZE + place,
     )
     whole: Any = (np.ascontiguousarray(table) for table in tables)
     return SkipTables(*whole)
@@ -212,16 +212,16 @@ def rotate(factors: Any, vector: Any, out: Any) -> None:
 def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any) -> None:
     """Take a scene from a sample to the last one before which stick cannot have ended, if that is farther.
 
-    The scene is a record of `data.SCENE`; `modes`, `samples` and `rows` are those of
+    The scene is a record of `layout.SCENE`; `modes`, `samples` and `rows` are those of
     `transient.fast.kernel.advance`, `tables` are `SkipTables`, and `work` is a workspace of `workspace_for`.
     """
     every, now = scene.sample_every, scene.now
     # No skip crosses a multiple of this, where segments begin and end: the motion is independent of them.
-    most = at.MAX_SKIP * every
+    most = layout.MAX_SKIP * every
     last = min((now // most + 1) * most, scene.last)
     if scene.settle > now:
         last = min(last, scene.settle)
-    scene.next_skip = now + 2 * at.MIN_SAMPLES * every
+    scene.next_skip = now + 2 * layout.MIN_SAMPLES * every
     if now + every > last:
         return
     outputs, moduli, powers, affine = tables.outputs, tables.moduli, tables.powers, tables.affine
@@ -241,7 +241,7 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
     for j in range(len(tables.numbers)):
         k = tables.numbers[j]
         x[j] = modes[k] - x[j]
-        x[half + j] = modes[k + (at.V - at.Q) * at.BLOCK] - x[half + j]
+        x[half + j] = modes[k + (layout.V - layout.Q) * layout.BLOCK] - x[half + j]
     multiply(tables.into, x, initial)
     rotate(powers[0], initial, y)
     goal, far, largest, total = now, ROUND - 1, 0.0, 0.0
@@ -312,7 +312,7 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
     multiply(tables.back, y, x, 1.0)
     for j in range(len(tables.numbers)):
         k = tables.numbers[j]
-        modes[k], modes[k + (at.V - at.Q) * at.BLOCK] = x[j], x[half + j]
+        modes[k], modes[k + (layout.V - layout.Q) * layout.BLOCK] = x[j], x[half + j]
     multiply(tables.shapes, x, result)
     scene.g_N, scene.g_T, scene.v_N, scene.v_T = result[0], result[1], result[2], result[3]
     # Rows of the record.
@@ -335,4 +335,4 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
     scene.now = scene.next_sample = scene.next_energy = scene.next_skip = goal
     # Go on at once where a segment may end, so that it changes nothing whether it does.
     if goal % most != 0:
-        scene.next_skip += at.MIN_SAMPLES * every
+        scene.next_skip += layout.MIN_SAMPLES * every

@@ -11,7 +11,7 @@ from fivcore.beams.modes import one_blas_thread, propagator
 from fivcore.contact.impulse import between_impulses
 from fivcore.contact.reduced import ReducedModel
 from fivcore.jit import Array
-from fivcore.transient.fast import data as at
+from fivcore.transient.fast import layout
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 
 
@@ -30,15 +30,15 @@ class Solver:
         gaps, lower = model.shapes, np.tril_indices(2)
         self.contact = contact = model.discrete(step)
         # The unit load is applied in impulses too, so the gap at rest has the same defect.
-        gap_N, gap_T = (float(gap @ model.rest) for gap in gaps)
-        self.at_rest = float(contact.defect[0, 0]) - (gap_N + model.gap), gap_T - float(contact.defect[1, 0])
+        gap_N, gap_T = (float(gap @ model.static_equilibrium) for gap in gaps)
+        self.at_rest = float(contact.defect[0, 0]) - (gap_N + model.load_gap), gap_T - float(contact.defect[1, 0])
         self.places, both, size = places_of(model)
-        self.blocks = np.zeros((-(-size // at.BLOCK), at.BLOCK_ROWS, at.BLOCK))
-        rows = (at.A, at.B, at.C, at.D, at.NORMAL, at.TANGENTIAL, at.POINT_B, at.DAMPING)
+        self.blocks = np.zeros((-(-size // layout.BLOCK), layout.BLOCK_ROWS, layout.BLOCK))
+        rows = (*range(layout.Q), layout.OUTPUT, layout.DAMPING)
         flow = propagator(model.stiffness, model.damping, step)
-        for row, values in zip(rows, (*flow, *gaps, model.point_b, model.damping), strict=True):
+        for row, values in zip(rows, (*flow, *gaps, model.output, model.damping), strict=True):
             put(self.blocks, self.places, row, values)
-        self.record = record = np.zeros(1, at.SCENE)
+        self.record = record = np.zeros(1, layout.SCENE)
         # By the status before; where the surfaces meet, half a step remains.
         rigid, late = not model.K.any(), contact.mean_time
         half = 0.0 if rigid else 0.5 * step
@@ -54,16 +54,16 @@ class Solver:
             ("M", contact.delassus[lower]),
             ("K", contact.stiffness[lower]),
             ("C", np.append(model.dissipation(contact)[lower], varied)),
-            ("point_B", 0.5 * gaps @ model.point_b),
+            ("output", 0.5 * gaps @ model.output),
             ("damped_by", np.array([0.25, 0.5, 0.25]) * ((gaps * model.damping) @ gaps.T)[lower]),
             ("step", step),
             ("rigid", rigid),
         ):
             record[name] = values
         record["modes"], record["blocks"] = size, len(self.blocks)
-        record["both"] = first = min(both, at.BLOCK)
-        record["others"] = min(size, at.BLOCK) - first
-        record["next_skip"] = at.NEVER
+        record["both"] = first = min(both, layout.BLOCK)
+        record["others"] = min(size, layout.BLOCK) - first
+        record["next_skip"] = layout.NEVER
 
     def between_impulses(self, force: Array) -> Array:
         """How much further a steady contact force in impulses deflects the modes, midway between two of them."""

@@ -41,10 +41,10 @@ class SteadySliding:
 
     @one_blas_thread()
     def __init__(self, model: ReducedModel, mu: float, step: float) -> None:
-        contact, n, b = model.discrete(step), model.normal, model.point_b
+        contact, n, b = model.discrete(step), model.normal, model.output
         M, slip = contact.delassus, step_map(model, step, mu)
         # Two more columns: the unit load, whose share of the impulse comes first, and a unit of V.
-        load = [contact.defect[0, 0] - (n @ model.rest + model.gap), 0.0, -M[0, 0], -M[1, 0]]
+        load = [contact.defect[0, 0] - (n @ model.static_equilibrium + model.load_gap), 0.0, -M[0, 0], -M[1, 0]]
         p, u_T, _, rate_T = seen = np.column_stack([slip.seen, load, [0.0, 0.0, 0.0, -1.0]])
         (N, T, following), (stick_N, stick_T) = slip.law @ seen, contact.stick(contact.mean_time) @ seen
         net = N - np.eye(len(N))[-2]

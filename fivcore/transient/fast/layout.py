@@ -9,7 +9,7 @@ from fivcore.transient.statistics import FIELDS
 # Rows of a block of modes: flow over a step (q' = A q + B v, v' = C q + D v), gap shapes, displacement and
 # velocity, shape at B, damping.
 BLOCK = 48
-(A, B, C, D, NORMAL, TANGENTIAL, Q, V, POINT_B, DAMPING) = range(10)
+(A, B, C, D, NORMAL, TANGENTIAL, Q, V, OUTPUT, DAMPING) = range(10)
 BLOCK_ROWS = 10
 BLOCK_SIZE = BLOCK * BLOCK_ROWS
 # A step that does not come.
@@ -32,7 +32,7 @@ _ARRAYS = {
     "after_q": (3,),
     "after_v": (3,),
     # Velocity of B for half an impulse; power that the modes lose with the rates of half an impulse: NN, NT, TT.
-    "point_B": (2,),
+    "output": (2,),
     "damped_by": (3,),
 }
 _NUMBERS = [
