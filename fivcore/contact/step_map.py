@@ -59,7 +59,7 @@ def step_map(model: ReducedModel, step: float, friction: float | None = None, fa
 def eigenvectors(status: StepMap) -> tuple[Complex, Complex, Complex, float]:
     """Eigenvalues z and eigenvectors X of the matrix M, X^-1, and the maximum norm of X^-1 (M X - X diag(z))."""
     matrix, units = status.units[:, None] * status.matrix / status.units, status.units.astype(complex)
-    # Entries that are only rounding would spoil the eigenvectors' balance; the norm includes what they do.
+    # Zero entries below 1e-15, so that balancing is not fooled; `error` includes the effect.
     z, X = np.linalg.eig(np.where(np.abs(matrix) < 1e-15, 0.0, matrix))
     inverse = np.linalg.inv(X)
     error = float(np.linalg.norm(inverse @ (matrix @ X - X * z), np.inf))
