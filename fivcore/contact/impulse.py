@@ -1,10 +1,11 @@
 """Compliance defect and drift of modes under a lasting force in impulses.
 
 Once in a step the kept modes take an impulse, the step times the force, and in between they move exactly. At the
-impulses, where the contact law is evaluated, a mode's deflection is too small by about step^2 / 12 times its shape
-squared: the end correction of the trapezoidal rule for the convolution of force and impulse response, up to
-O(step^4). The spring is made softer by the defect of all modes, step^2 / 12 W; C_NN stays and C remains
-proportional to K (`ReducedModel.discrete`). The second-order error that remains is step^2 / 12 W (omega C)^2 beside K.
+impulses, where the contact law is evaluated, a mode's deflection is too small by about step^2 / 12 times its
+shape squared: the end correction of the trapezoidal rule for the convolution of force and impulse response, up
+to O(step^4). The spring is made softer by the defect of all modes, step^2 / 12 W; C_NN stays and C remains
+proportional to K (`ReducedModel.discrete`). The second-order error that remains is step^2 / 12 W (omega C)^2
+beside K.
 
 The mean velocity of a damped mode under a lasting force is about damping step^2 / 12 times the shape squared. This
 drift is subtracted, or the contact would slip and stick again for some ten steps where stick ends gently.
