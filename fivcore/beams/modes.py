@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import block_diag, cholesky, eigh, solve_triangular
+from scipy.linalg import cholesky, eigh, solve_triangular
 from threadpoolctl import ThreadpoolController
 
 from fivcore.beams.elements import axial, bending, hermite
 from fivcore.errors import InputError
-from fivcore.jit import Array, ReadOnlyArrays
+from fivcore.jit import Array, ReadOnlyArrays, kernel
 from fivcore.rig import Beam, Rig
 
 EPS = 2.220446049250313e-16
@@ -74,26 +74,26 @@ def lower_basis(beam: Beam, contact_position: float) -> Basis:
 def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
     """Modes of P1 alone: x and rotation blocked at A, y free with the head mass, C free; rigid mode first.
 
-    The motion is that of the support, Y along y, and relative to it that of a cantilever clamped at A, v. Without
-    contact m_total Y + inertia^T v = 0, so the elastic modes are those of the cantilever with the mass matrix
-    M - inertia inertia^T / m_total. theta enters only here.
+    The motion is that of the support, along y, and relative to it that of a cantilever clamped at A. theta enters
+    only here.
     """
-    along, across = axial(beam), bending(beam)
+    (axial_values, u), (bending_values, w) = cantilever_modes(beam)
     na, total = beam.elements, beam.mass + head_mass
     sine, cosine = np.sin(np.radians(theta)), np.cos(np.radians(theta))
     # The beam's own axes, from A down to C and across it, in terms of x and y.
     axis, transverse = np.array([-sine, -cosine]), np.array([cosine, -sine])
-    inertia = np.concatenate([along.base_inertia * axis[1], across.base_inertia * transverse[1]])
-    mass = block_diag(along.mass, across.mass) - np.outer(inertia, inertia) / total
-    stiffness = block_diag(along.stiffness, across.stiffness)
-    root = block_diag(along.flexibility_root, across.flexibility_root)
-    values, relative = natural_modes(stiffness, mass, root)
-    u, w, shapes = relative[:na], relative[na::2], np.zeros((beam.elements + 1, 3, len(values) + 1))
+    parts = np.append(axis[1] * (axial(beam).base_inertia @ u), transverse[1] * (bending(beam).base_inertia @ w))
+    own = np.append(axial_values, bending_values)
+    order = np.argsort(own)
+    values, moved, relative = supported_modes(own[order], parts[order], total - float(parts @ parts))
+    ascending = np.argsort(values, kind="stable")
+    values, moved, relative = values[ascending], moved[ascending], relative[ascending][:, np.argsort(order)].T
+    u, w, shapes = u @ relative[:na], w @ relative[na:], np.zeros((beam.elements + 1, 3, len(values) + 1))
     shapes[:, 1, 0] = 1.0 / np.sqrt(total)
-    shapes[1:, 0, 1:] = axis[0] * u + transverse[0] * w
-    shapes[1:, 1, 1:] = axis[1] * u + transverse[1] * w
-    shapes[:, 1, 1:] -= inertia @ relative / total
-    shapes[1:, 2, 1:] = relative[na + 1 :: 2]
+    shapes[1:, 0, 1:] = axis[0] * u + transverse[0] * w[0::2]
+    shapes[1:, 1, 1:] = axis[1] * u + transverse[1] * w[0::2]
+    shapes[:, 1, 1:] += moved
+    shapes[1:, 2, 1:] = w[1::2]
     s = np.linspace(beam.length, 0.0, beam.elements + 1)
     tip = _clean(shapes[-1, 1]), _clean(shapes[-1, 0])
     return Basis(np.append(0.0, values), *tip, -np.outer(s, axis), shapes)
@@ -146,6 +146,102 @@ def natural_modes(stiffness: Array, mass: Array, flexibility_root: Array) -> tup
 def cantilever_modes(beam: Beam) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Eigenvalues and modes of a beam clamped at one end, axial ones and bending ones."""
     return natural_modes(*axial(beam)[:3]), natural_modes(*bending(beam)[:3])
+
+
+@kernel
+def supported_modes(own: Array, parts: Array, support: float) -> tuple[Array, Array, Array]:
+    """Modes of a structure whose support, clamped so far, may move in one direction.
+
+    In the modes of the clamped structure that is a rank-one change of the modal mass, from I to I - G G^T /
+    m_total with the participation factors G, so that its squared frequencies are the roots of a secular
+    equation, one above each pole d (Golub, SIAM Review 15, 1973, 318-334). A root is sought as its distance
+    from the nearest pole, which alone tells the shape of the mode (Li, LAPACK Working Note 89, 1993).
+
+    Parameters
+    ----------
+    own, parts : ndarray, (n,)
+        Squared frequencies of the clamped structure, rad2/s2, ascending, and G, kg^1/2.
+    support : float
+        m_total less the sum of G^2, kg.
+
+    Returns
+    -------
+    values, moved : ndarray, (n,)
+        Squared frequencies, rad2/s2, each above its own, and displacements of the support, kg^-1/2.
+    shapes : ndarray, (n, n)
+        Mass-normalised modes, one a row, in the modes of the clamped structure.
+    """
+    n, m, total, pole = len(own), 0, 0.0, 0.0
+    values, moved, shapes, moving = own.copy(), np.zeros(n), np.eye(n), np.empty(n, dtype=np.int64)
+    d, w, gap = np.empty(n + 1), np.empty(n), np.empty(n)
+    for j in range(n):
+        # Separate equal poles by one ulp.
+        pole = max(own[j], pole * (1.0 + 2.0 * EPS))
+        values[j] = pole
+        # A mode that moves the support less than rounding keeps its frequency and its shape.
+        if parts[j] * parts[j] > EPS * EPS * support:
+            moving[m], d[m], w[m] = j, pole, parts[j] * parts[j] * pole
+            total += w[m]
+            m += 1
+    if m > 0:
+        # The last root lies below this.
+        d[m] = d[m - 1] + max(d[m - 1], total / support)
+    for k in range(m):
+        root, slope, j = secular_root(k, d, w[:m], support, gap), 0.0, moving[k]
+        for i in range(m):
+            q = parts[moving[i]] / gap[i]
+            shapes[j, moving[i]] = q
+            slope += q * q * d[i]
+        scale = np.sqrt(root / slope)
+        values[j], moved[j] = root, scale / root
+        shapes[j] *= scale
+    return values, moved, shapes
+
+
+@kernel
+def secular_root(k: int, d: Array, w: Array, m: float, gap: Array) -> float:
+    """Root z of m + sum_i w_i / (d_i - z) = 0 between d_k and d_(k+1); fill `gap` with d - z.
+
+    One more d than w. Iteration by Bunch, Nielsen, Sorensen, Numer. Math. 31, 1978, 31-48.
+    """
+    n, middle, c = len(w), 0.5 * (d[k + 1] - d[k]), m
+    for i in range(n):
+        if i < k or i > k + 1:
+            c += w[i] / (d[i] - d[k] - middle)
+    above = w[k + 1] if k + 1 < n else 0.0
+    left = c + (above - w[k]) / middle > 0.0
+    origin, low, high = (k, 0.0, middle) if left else (k + 1, -middle, 0.0)
+    p, q = d[k] - d[origin], d[k + 1] - d[origin]
+    z = _two_poles(c, c * (p + q) + w[k] + above, w[k] * q + above * p)
+    for _ in range(200):
+        if not low < z < high:
+            z = 0.5 * (low + high)
+        f, size, slope_below, slope_above = m, m, 0.0, 0.0
+        for i in range(n):
+            gap[i] = d[i] - d[origin] - z
+            term = w[i] / gap[i]
+            f += term
+            size += abs(term)
+            if i <= k:
+                slope_below += term / gap[i]
+            else:
+                slope_above += term / gap[i]
+        low, high = (z, high) if f < 0.0 else (low, z)
+        # The terms of the poles below and above as one pole each, with their value and slope.
+        p, q = d[k] - d[origin] - z, d[k + 1] - d[origin] - z
+        c = f - slope_below * p - slope_above * q
+        step = _two_poles(c, c * (p + q) + slope_below * p * p + slope_above * q * q, p * q * f)
+        if abs(f) <= 2.0 * EPS * size or abs(step) <= EPS * abs(z):
+            break
+        z += step
+    return d[origin] + z
+
+
+@kernel
+def _two_poles(c: float, a: float, b: float) -> float:
+    """Root of c z^2 - a z + b = 0 between the poles of a sum of two."""
+    root = np.sqrt(max(a * a - 4.0 * b * c, 0.0))
+    return (a - root) / (2.0 * c) if a <= 0.0 else 2.0 * b / (a + root)
 
 
 def _clean(row: Array) -> Array:

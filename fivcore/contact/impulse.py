@@ -1,10 +1,11 @@
-"""Compliance defect and drift of modes under a lasting force in impulses, and the contact corrected for them.
+"""Compliance defect and drift of modes under a lasting force in impulses.
 
 Once in a step the kept modes take an impulse, the step times the force, and in between they move exactly. At the
-impulses, where the contact law is evaluated, a mode's deflection is too small by about step^2 / 12 times its shape
-squared: the end correction of the trapezoidal rule for the convolution of force and impulse response, up to
-O(step^4). The spring is made softer by the defect of all modes, step^2 / 12 W; C_NN stays and C remains
-proportional to K. The second-order error that remains is step^2 / 12 W (omega C)^2 beside K.
+impulses, where the contact law is evaluated, a mode's deflection is too small by about step^2 / 12 times its
+shape squared: the end correction of the trapezoidal rule for the convolution of force and impulse response, up
+to O(step^4). The spring is made softer by the defect of all modes, step^2 / 12 W; C_NN stays and C remains
+proportional to K (`ReducedModel.discrete`). The second-order error that remains is step^2 / 12 W (omega C)^2
+beside K.
 
 The mean velocity of a damped mode under a lasting force is about damping step^2 / 12 times the shape squared. This
 drift is subtracted, or the contact would slip and stick again for some ten steps where stick ends gently.
@@ -12,27 +13,12 @@ drift is subtracted, or the contact would slip and stick again for some ten step
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from fivcore.jit import Array
 
 # Below this phase of a mode in a step its series is used, with an error of the eighth power.
 SMALL = 1e-2
-
-
-class Impulse(NamedTuple):
-    """Compliance defect of impulses, and the contact corrected for it; all (2, 2), normal first; zero if rigid."""
-
-    # Compliance that the modes lack, m/N.
-    defect: Array
-    # Spring and dashpot, N/m and N s/m, corrected by `defect`.
-    stiffness: Array
-    damping: Array
-    # Effective Delassus matrix over a step: mean rates of the gaps over an impulse by a unit force, m/s per N; not
-    # zero in rigid contact.
-    delassus: Array
 
 
 def at_impulses(stiffness: Array, damping: Array, step: float) -> tuple[Array, Array]:

@@ -1,146 +1,150 @@
 """The law of the reduced contact: a spring and a dashpot in parallel for the modes that are not kept.
 
-They have a state u = (u_N, u_T) and carry the contact force, K u + C u' = (N, T). The physical gap is g_N + u_N,
-the slip rate g_T' + u_T'. Every contact status is linear:
+They have a state u = (u_N, u_T) and carry the contact force, K u + C u' = (N, T), C = tau K. The physical gap is
+g_N + u_N, the slip rate g_T' + u_T'. Every contact status is linear:
 
-- separation: N = T = 0, while g_N + u_N > 0;
+- separation: N = T = 0, while g_N + u_N > 0; u decays as exp(-t / tau);
 - stick: u_N = -g_N and g_T + u_T is constant, while N > 0 and |T| <= mu N;
 - slip: u_N = -g_N and T = s mu N with s = -sign of the slip rate; u_T follows its own first-order equation.
 
-At touch-down u is continuous and N jumps by C_NN times the closing speed. If C_TT > mu |C_TN| (K in place of C
-without damping), T - mu N and T + mu N increase with u_T', and exactly one of stick, slip forwards and slip
-backwards is possible. The Painleve limit is the least mu at which this condition fails, or at which the divisor
-that gives N in a step of `fast` is zero; above it the force is not unique. In rigid contact an impact leaves no
+At touch-down u is continuous and N jumps by C_NN times the closing speed. With S = K^-1, exactly one of stick,
+slip forwards and slip backwards is possible if S_NN > mu |S_NT|: T - mu N and T + mu N then increase with u_T'.
+The Painleve limit is the least mu at which this fails, or at which the divisor that gives N in a step of `fast`
+is zero (`DiscreteContact.painleve_mu`); above it the force is not unique. In rigid contact an impact leaves no
 closing speed, and its tangential impulse is within the cone.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
-from scipy.optimize import brentq
 
 from fivcore.errors import SceneValueError
-from fivcore.jit import Array
+from fivcore.jit import Array, ReadOnlyArrays
 
 # Least square of the sine between the directions of rigid contact, in which rounding is 1e-15.
 LEAST_SINE = 1e-12
 
 
-class StatusMaps(NamedTuple):
-    """Contact forces and u after one step, as linear maps."""
+class SlipMap(NamedTuple):
+    """Slip over a step with any coefficient of friction m: T = m N.
 
-    # (N, T) from (p, u_T, v_N, v_T), (2, 4): penetration p = -g_N, and the rates of the gaps before the impulse.
-    stick: Array
-    # For T = mu N, then for T = -mu N: N and u_T at the end of the step, from (p, u_T, v_N), (2, 2, 3).
-    slip: Array
-    # u at the end of the step from u at its start, (2, 2).
-    separation: Array
-    # As `stick`, for a step that begins in slip, with u_T at its start.
-    entering: Array
-    # Time from a step's start to the mean of a relaxing u_T, s; with it in `entering` a step has one solution.
-    mean_offset: float
-    # Mean square of the rate of a relaxing u_T over a step, in units of its mean squared.
-    square_ratio: float
-    # As `entering` and `mean_offset` where the surfaces meet: half a step.
-    closure: Array
-    closure_offset: float
-
-
-def status_maps(K: Array, C: Array, M: Array, mu: float, step: float) -> StatusMaps:
-    """Write each contact status as linear maps for one step of `transient.fast.kernel`, symmetric in time.
-
-    Positions are held over the impulse, and velocities enter by their mean, which makes the dashpot implicit in
-    closed form; u_T in slip and u in separation relax exactly.
-
-    Parameters
-    ----------
-    K, C : ndarray, (2, 2)
-        Spring, N/m, and dashpot, N s/m (zero: purely elastic); normal first. Both zero: rigid contact.
-    M : ndarray, (2, 2)
-        Effective Delassus matrix over a step: mean rates of the gaps over an impulse by a unit force, m/s per N
-        (`fivcore.contact.impulse`).
-    mu : float
-    step : float
-        s.
-    """
-    both = np.array([[mu], [-mu]])
-    if not K.any():
-        stick, slip = np.zeros((2, 4)), np.zeros((2, 2, 3))
-        stick[:, 2:], slip[:, 0, 2:] = -resistance(M), -1.0 / (M[0, 0] + both * M[0, 1])
-        return StatusMaps(stick, slip, np.zeros((2, 2)), stick, 0.0, 1.0, stick, 0.0)
-    offset, square_ratio, separation = step, 1.0, np.zeros((2, 2))
-    if C.any():
-        decay = step * K[1, 1] / C[1, 1]
-        offset = step * float(0.5 + decay / 12.0 if decay < 1e-4 else -1.0 / decay - 1.0 / np.expm1(-decay))
-        square_ratio = 0.5 * decay / np.tanh(0.5 * decay) if decay > 1e-6 else 1.0
-        separation = _relaxation(tuple(np.linalg.solve(C, K).ravel().tolist()), step)
-    # (N, T) with the mean of the rates in the dashpot; u_T follows g_T only from the offset on.
-    stick, entering, closure = (
-        np.linalg.inv(np.eye(2) + damping @ M) @ np.hstack([K, -damping])
-        for damping in (C + late * K * np.eye(2)[1] for late in (0.0, offset, 0.5 * step))
-    )
-    slip = _slip(K, C, M, both, step)[1]
-    return StatusMaps(stick, slip, separation, entering, offset, square_ratio, closure, 0.5 * step)
-
-
-class Slide(NamedTuple):
-    """Numbers of slip in a step that do not depend on the coefficient of friction.
-
-    With y = m N the force of friction, N = (alpha + gamma y) / beta with alpha = by_p p + by_v v_N, and the mean
-    slip rate is v_T - relaxing u_T + rate_N N + rate_T y. u_T becomes keep u_T + end_N N + end_T y.
+    N = alpha / (beta - m gamma), alpha = by_p p + by_v v_N; p = -g_N is the penetration, v are the rates of the
+    gaps before the impulse. The mean slip rate is v_T - relaxing u_T + rate_N N + rate_T T, and u_T becomes
+    decay u_T + end_N N + end_T T. In rigid contact alpha is -v_N, and u_T stays zero.
     """
 
+    # alpha, m (m/s if rigid), for a unit of p (1) and of v_N (-tau, s).
     by_p: float
     by_v: float
+    # m/N (m/s per N if rigid).
     beta: float
     gamma: float
+    # (1 - decay) / step, 1/s.
     relaxing: float
+    # m/s per N.
     rate_N: float
     rate_T: float
-    keep: float
+    # exp(-step / tau), of u in separation, too.
+    decay: float
+    # m/N.
     end_N: float
     end_T: float
 
     @property
     def mobility(self) -> float:
-        """Change of the mean slip rate for a unit of y, m/s per N."""
+        """Change of the slip rate for a unit of T, m/s per N."""
         return self.rate_T + self.rate_N * self.gamma / self.beta
 
+    def steepest_fall(self, mu: float) -> float:
+        """Largest -d mu / dv, s/m, up to which slip is unique in a step with N = 1."""
+        # In either direction of slip.
+        return (1.0 - mu * abs(self.gamma) / self.beta) / self.mobility
 
-def slide(K: Array, C: Array, M: Array, step: float) -> Slide:
-    """Slip for any coefficient; arguments are those of `status_maps`, K and C in proportion.
+    def forces(self, m: float, fall: float = 0.0) -> Array:
+        """N, T and u_T at the end from (p, u_T, v_N, v_T), (3, 4), for T = m N + fall times the slip rate."""
+        alpha = np.array([self.by_p, 0.0, self.by_v, 0.0])
+        free = np.array([0.0, -self.relaxing, 0.0, 1.0]) + self.rate_N / self.beta * alpha
+        T = (m / self.beta * alpha + fall * free) / (1.0 - fall * self.mobility - m * self.gamma / self.beta)
+        N = (alpha + self.gamma * T) / self.beta
+        return np.stack([N, T, np.array([0.0, self.decay, 0.0, 0.0]) + self.end_N * N + self.end_T * T])
 
-    With P = p - tau v_N' and U = u_T + tau u_T', tau = C / K, it is K (P, U) = (N, y): u_T relaxes towards U,
-    which is constant over the step, at the rate 1 / tau.
+
+@dataclass(frozen=True, eq=False)
+class DiscreteContact(ReadOnlyArrays):
+    """The contact in a step of `transient.fast.kernel`, for any friction; matrices are (2, 2), normal first.
+
+    Positions are held over the impulse, and velocities enter by their mean, which makes the dashpot implicit in
+    closed form; u_T in slip and u in separation relax exactly.
+
+    Attributes
+    ----------
+    flexibility : ndarray, (2, 2)
+        S of the element with `defect`, m/N. Zero: a rigid contact.
+    tau : float
+        Relaxation time of the element, s; 0: purely elastic.
+    delassus : ndarray, (2, 2)
+        Mean rates of the gaps over an impulse by a unit force, m/s per N.
+    step : float
+        s.
+    defect : ndarray, (2, 2)
+        Compliance that the modes lack in impulses, m/N (`fivcore.contact.impulse`).
     """
-    if not K.any():
-        return Slide(0.0, -1.0, M[0, 0], -M[0, 1], 0.0, M[0, 1], M[1, 1], 0.0, 0.0, 0.0)
-    tau, determinant = C[0, 0] / K[0, 0], float(np.linalg.det(K))
-    gone = -np.expm1(-step / tau) if tau > 0.0 else 1.0
-    U_N, U_T = -K[1, 0] / determinant, K[0, 0] / determinant
-    return Slide(
-        by_p=determinant,
-        by_v=-determinant * tau,
-        beta=K[1, 1] + tau * determinant * M[0, 0],
-        gamma=K[0, 1] - tau * determinant * M[0, 1],
-        relaxing=gone / step,
-        rate_N=M[0, 1] + gone / step * U_N,
-        rate_T=M[1, 1] + gone / step * U_T,
-        keep=1.0 - gone,
-        end_N=gone * U_N,
-        end_T=gone * U_T,
-    )
 
+    flexibility: Array
+    tau: float
+    delassus: Array
+    step: float
+    defect: Array = field(default_factory=lambda: np.zeros((2, 2)))
 
-def steepest_fall(slide: Slide, mu: float) -> float:
-    """Largest -d mu / dv, s/m, up to which slip is unique in a step with N = 1."""
-    # In either direction of slip.
-    factors = [slide.beta / (slide.beta - way * mu * slide.gamma) for way in (1.0, -1.0)]
-    return 1.0 / (slide.mobility * max(factors))
+    @cached_property
+    def stiffness(self) -> Array:
+        """Spring of the element, N/m; zero if rigid."""
+        return np.asarray(np.linalg.inv(self.flexibility)) if self.flexibility.any() else self.flexibility
+
+    @cached_property
+    def slip(self) -> SlipMap:
+        """Slip with any coefficient of friction."""
+        (M_NN, M_NT), (_, M_TT) = self.delassus.tolist()
+        (S_NN, S_NT), (_, S_TT) = self.flexibility.tolist()
+        if not S_NN:
+            return SlipMap(0.0, -1.0, M_NN, -M_NT, 0.0, M_NT, M_TT, 0.0, 0.0, 0.0)
+        tau, gone = self.tau, -float(np.expm1(-self.step / self.tau)) if self.tau > 0.0 else 1.0
+        rate, beta, gamma = gone / self.step, S_NN + tau * M_NN, -(S_NT + tau * M_NT)
+        rates = rate, M_NT + rate * S_NT, M_TT + rate * S_TT
+        return SlipMap(1.0, -tau, beta, gamma, *rates, 1.0 - gone, gone * S_NT, gone * S_TT)
+
+    @property
+    def painleve_mu(self) -> float:
+        """Least coefficient of friction at which the force of a step is not unique."""
+        return min(ratio(*self.flexibility[0]), ratio(self.slip.beta, self.slip.gamma))
+
+    def stick(self, late: float = 0.0) -> Array:
+        """(N, T) of stick from (p, u_T, v_N, v_T), (2, 4); u_T follows g_T from `late`, s, after the start on."""
+        if not self.flexibility.any():
+            return np.hstack([np.zeros((2, 2)), -resistance(self.delassus)])
+        times = np.diag([self.tau, self.tau + late])
+        return np.linalg.solve(self.flexibility + times @ self.delassus, np.hstack([np.eye(2), -times]))
+
+    @property
+    def mean_time(self) -> float:
+        """Time from the start of a step to the mean of a relaxing u_T, s; 0 if rigid.
+
+        With it in `stick` a step has one solution where slip ends.
+        """
+        if not self.tau:
+            return self.step if self.flexibility.any() else 0.0
+        decay = self.step / self.tau
+        return self.step * float(0.5 + decay / 12.0 if decay < 1e-4 else -1.0 / decay - 1.0 / np.expm1(-decay))
+
+    @property
+    def square_ratio(self) -> float:
+        """Mean square of the rate of a relaxing u_T over a step, in units of its mean squared."""
+        half = 0.5 * self.step / self.tau if self.tau else 0.0
+        return float(half / np.tanh(half)) if half > 1e-6 else 1.0
 
 
 def resistance(W: Array) -> Array:
@@ -153,57 +157,6 @@ def resistance(W: Array) -> Array:
     return np.asarray(np.linalg.inv(W))
 
 
-@lru_cache(maxsize=256)
-def _relaxation(rates: tuple[float, ...], step: float) -> Array:
-    """Map of u over a step of separation."""
-    return np.asarray(expm(-step * np.reshape(rates, (2, 2))))
-
-
-def painleve_mu(K: Array, C: Array, M: Array, step: float) -> float:
-    """Painleve limit: smallest friction for which a divisor of slip is zero; a step of zero: by the law itself.
-
-    Arguments are those of `status_maps`, K and C in proportion.
-    """
-    law = ratio(K[1, 1], K[0, 1])
-    if not C.any() or step == 0.0:
-        return law
-
-    # At a root the maps are infinite.
-    @np.errstate(divide="ignore", invalid="ignore")
-    def least(mu: Array) -> Array:
-        """Smaller of the two divisors at each mu."""
-        return _slip(K, C, M, np.concatenate([mu, -mu])[:, None], step)[0].reshape(2, -1).min(axis=0)
-
-    # The step's own divisors are positive at mu = 0 and smooth up to the law's limit; no mu exceeds 1e6.
-    trial = np.linspace(0.0, min(law, 1e6) * (1.0 - 1e-9), 400)
-    past = np.flatnonzero(least(trial) <= 0.0)
-    if not len(past):
-        return law
-    return float(brentq(lambda mu: least(np.array([mu]))[0], *trial[past[0] - 1 : past[0] + 1]))
-
-
 def ratio(direct: float, cross: float) -> float:
     """Friction at which the cross term equals the direct one."""
     return float(abs(direct / cross)) if cross else float("inf")
-
-
-def _slip(K: Array, C: Array, M: Array, m: Array, step: float) -> tuple[Array, Array]:
-    """Slip with T = m N, m (n, 1): divisors (n, 1), and maps (n, 2, 3) from (p, u_T, v_N) to N and the new u_T."""
-    zero = np.zeros_like(m)
-    if C.any():
-        # u_T' = rate u_T + on_p p + on_v v, v the mean rate of g_N; the means of u_T and u_T' over the step.
-        divisor = C[1, 1] - m * C[0, 1]
-        rate = (m * K[0, 1] - K[1, 1]) / divisor
-        on_p, on_v = (m * K[0, 0] - K[1, 0]) / divisor, (C[1, 0] - m * C[0, 0]) / divisor
-        mean_rate = np.expm1(rate * step) / (rate * step) * np.hstack([on_p, rate, on_v])
-        mean = (mean_rate - np.hstack([on_p, zero, on_v])) / rate
-    else:
-        mean_rate = np.zeros((len(m), 3))
-        mean = np.hstack([(m * K[0, 0] - K[1, 0]) / (K[1, 1] - m * K[0, 1]), zero, zero])
-    normal = np.array([K[0, 0], 0.0, -C[0, 0]]) + K[0, 1] * mean + C[0, 1] * mean_rate
-    # v = v_N + inertia N, solved for N.
-    inertia = M[0, 0] + m * M[0, 1]
-    solved = 1.0 - inertia * normal[:, 2:]
-    force = normal / solved
-    end = step * (mean_rate + mean_rate[:, 2:] * inertia * force) + [0.0, 1.0, 0.0] if C.any() else mean
-    return solved, np.stack([force, end], axis=1)

@@ -7,8 +7,8 @@ surfaces (`fivcore.contact.law`):
 - K is the inverse of their static flexibility (MacNeal, Computers & Structures 1, 1971; Rubin, AIAA Journal 13,
   1975), cross terms included: sliding stability and all quasi-static motion stay those of all modes.
 - C = tau K. Modes above the cut-off take energy from those below it and lose it by damping or to modes higher
-  still. tau gives the fastest oscillation of the kept modes' mass on K the damping ratio DAMPING, of solids less
-  (`ReducedModel.beam_share`), and is at least d2, the dropped modes' own material damping.
+  still. tau gives the fastest oscillation of the kept modes' mass on K the damping ratio CONTACT_DAMPING, of
+  solids less (`ReducedModel.beam_share`), and is at least d2, the dropped modes' own material damping.
 
 Where every mode is kept, the surfaces touch rigidly.
 """
@@ -23,33 +23,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore.beams.modes import one_blas_thread, residual_flexibility
-from fivcore.contact.impulse import Impulse, at_impulses
-from fivcore.contact.law import painleve_mu, ratio, resistance, slide, steepest_fall
+from fivcore.contact.impulse import at_impulses
+from fivcore.contact.law import DiscreteContact, ratio, resistance
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig, Structural
 from fivcore.structure import SLENDER, structure_of
 
-MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "point_b", "load")
+MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "output", "load")
 # Default step of `fast` in units of the contact's own time 1 / omega (with 1.75 the paper's rig balances its
 # energy to 0.3 %, with 1.92 to 1 %); without a dashpot, which damps the step's energy error; of a rigid contact,
 # in units of the fastest mode's time; and the largest step, below the 2.389 at which the paper's rig loses its
 # stability in stick (`step_map`), for any mu.
-STEP, ELASTIC_STEP, RIGID_STEP, LIMIT = 1.75, 0.3, 0.5, 2.35
+CONTACT_STEP, UNDAMPED_CONTACT_STEP, RIGID_STEP, STABILITY_LIMIT = 1.75, 0.3, 0.5, 2.35
 # Of a structure in rigid contact, likewise, for each elastic mode and at most: blocks on belts have periods and
 # sticks within 1e-3 (with twice as much 2.5e-3), and up to 20 modes no run takes longer than one with 20.
-FEW_STEP, MANY_STEP = 0.005, 0.1
+STEP_PER_MODE, MOST_RIGID_STEP = 0.005, 0.1
 # Statistics are sampled so often, s; where a default step is not longer, a whole number of them fills the time.
 INTERVAL = 20e-6
-# Hz. With SHARE of the frequency that follows from it the largest error of a share of time is below 0.008 on half
-# of 102 random scenes and below 0.022 on 90 % of them; with all of it, below 0.006 and 0.025; with 0.64 it is
+# Hz. With CUTOFF_SHARE of the frequency that follows from it the largest error of a share of time is below 0.008
+# on half of 102 random scenes, and on 90 % of them below 0.022; with all of it, below 0.006 and 0.025; with 0.64
 # above 0.02 on a fifth of the scenes that stay in one kind of motion. Linear stability, the contact's responses
 # and the axial modes next to the cut-off do not tell which scenes need more.
-LEAST_CUTOFF, SHARE = 115e3, 0.8
+LEAST_CUTOFF, CUTOFF_SHARE = 115e3, 0.8
 # Damping ratio of the contact. With 0.045 the mean error of a share of time over random rigs with one
 # kind of motion is below 0.01 at cut-offs from 3.1 to 6.2 c / (4 L); 0.06 balances energy better and shifts stick
 # by 0.003. At 75 kHz two and a half times as much raises stick by 0.02 to 0.03; a quarter lets contact ring.
-DAMPING = 0.06
+CONTACT_DAMPING = 0.06
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +64,8 @@ class ReducedModel(ReadOnlyArrays):
         Gap shapes, kg^-1/2, as in `fivcore.beams.modes`.
     inertia : ndarray, (n,)
         Modal force for a unit acceleration of P2's clamp.
-    point_b : ndarray, (n,)
-        Displacement of B along x for a unit of each modal coordinate.
+    output : ndarray, (n,)
+        Displacement that is read, of B along x or a structure's `output`, for a unit of each modal coordinate.
     load : ndarray, (n,)
         Modal forces of a unit load on A.
     kept : ndarray, (all modes,)
@@ -74,7 +74,7 @@ class ReducedModel(ReadOnlyArrays):
         Inverse of the residual flexibility, N/m, and its dashpot, N s/m; normal first. Zero: a rigid contact.
     interval : float
         Time between two samples, s.
-    gap : float
+    load_gap : float
         Static normal gap of the modes that are not kept under a unit load, m; 0 where a rigid mode closes it.
     rigid_step : float
         Default step in rigid contact, in units of the fastest mode's time.
@@ -85,13 +85,13 @@ class ReducedModel(ReadOnlyArrays):
     normal: Array
     tangential: Array
     inertia: Array
-    point_b: Array
+    output: Array
     load: Array
     kept: NDArray[np.bool_]
     K: Array
     C: Array
     interval: float = INTERVAL
-    gap: float = 0.0
+    load_gap: float = 0.0
     rigid_step: float = RIGID_STEP
 
     @cached_property
@@ -107,7 +107,7 @@ class ReducedModel(ReadOnlyArrays):
         return np.asarray(self.shapes @ self.shapes.T)
 
     @cached_property
-    def rest(self) -> Array:
+    def static_equilibrium(self) -> Array:
         """Static equilibrium under a unit load with T = 0, (n,); the rigid mode closes the gap. Read-only."""
         rigid = self.stiffness == 0.0
         rest = np.where(rigid, 0.0, (self.load + self.normal) / np.where(rigid, 1.0, self.stiffness))
@@ -116,24 +116,25 @@ class ReducedModel(ReadOnlyArrays):
         rest.setflags(write=False)
         return rest
 
-    def impulse(self, step: float) -> Impulse:
-        """Impulses of `fast` in this step, s, with spring and dashpot corrected for them."""
-        return _impulse(self, step)
+    def discrete(self, step: float) -> DiscreteContact:
+        """The contact in steps of `fast`, s, corrected for impulses."""
+        return _discrete(self, step)
 
-    def dissipation(self, impulse: Impulse) -> Array:
+    def steepest_fall(self, step: float, mu: float) -> float:
+        """Largest -d mu / dv, s/m for a unit load, up to which slip is unique in a step of `fast`, s."""
+        return self.discrete(step).slip.steepest_fall(mu)
+
+    def dissipation(self, contact: DiscreteContact) -> Array:
         """Damping of the dashpot by the mean rates of the gaps over a step, (2, 2), N s/m."""
         # The mean rate of a gap over an impulse is less than that of the spring within it, by what impulses miss.
-        rates = np.linalg.solve(impulse.stiffness, self.K) if self.K.any() else np.eye(2)
+        rates = contact.flexibility @ self.K
         return np.asarray(rates.T @ self.C @ rates)
 
     def painleve_mu(self, step: float | None) -> float:
         """Mu above which the contact force is not unique, in steps of `fast` or, without a step, by the law."""
-        return _painleve_mu(self, step or 0.0)
-
-    def steepest_fall(self, step: float, mu: float) -> float:
-        """Largest -d mu / dv, s/m for a unit load, up to which slip is unique in a step of `fast`, s."""
-        impulse = self.impulse(step)
-        return steepest_fall(slide(impulse.stiffness, impulse.damping, impulse.delassus, step), mu)
+        if step is not None:
+            return self.discrete(step).painleve_mu
+        return ratio(*(self.K[1, ::-1] if self.K.any() else self.W[0]))
 
     @cached_property
     def contact_frequency(self) -> float:
@@ -155,7 +156,7 @@ class ReducedModel(ReadOnlyArrays):
     def default_step(self) -> float:
         """Step of `fast`, s: a whole part of `INTERVAL`, and where it is longer rounded down to two digits."""
         omega, damping = self.contact_frequency, float(self.damping.max())
-        share = self.beam_share * (STEP if self.C.any() else ELASTIC_STEP)
+        share = self.beam_share * (CONTACT_STEP if self.C.any() else UNDAMPED_CONTACT_STEP)
         most = share / omega if omega else self.rigid_step / float(np.sqrt(self.stiffness.max()))
         # The law takes the mean of a velocity over an impulse, so a mode may not lose more than e^-2 of it.
         most = min(most, 2.0 / damping) if damping > 0.0 else most
@@ -168,27 +169,20 @@ class ReducedModel(ReadOnlyArrays):
     def largest_step(self) -> float:
         """Largest stable step of `fast`, s."""
         omega = self.contact_frequency
-        return LIMIT / omega if omega else float(np.pi / np.sqrt(self.stiffness.max()))
+        return STABILITY_LIMIT / omega if omega else float(np.pi / np.sqrt(self.stiffness.max()))
 
 
-# These do not depend on friction, so the scenes of a sweep share them.
 @lru_cache(maxsize=256)
-def _impulse(model: ReducedModel, step: float) -> Impulse:
-    K, C, half = model.K, model.C, 0.5 * step * model.W
-    if not K.any() or step == 0.0:
-        return Impulse(np.zeros((2, 2)), K, C, half)
+def _discrete(model: ReducedModel, step: float) -> DiscreteContact:
+    half = 0.5 * step * model.W
+    if not model.K.any():
+        return DiscreteContact(np.zeros((2, 2)), 0.0, half, step)
     parts = at_impulses(model.stiffness, model.damping, step)
     defect, drift = ((model.shapes * part) @ model.shapes.T for part in parts)
-    softened = np.asarray(np.linalg.inv(np.linalg.inv(K) + defect))
-    return Impulse(defect, softened, C[0, 0] / softened[0, 0] * softened, half - drift)
-
-
-@lru_cache(maxsize=256)
-def _painleve_mu(model: ReducedModel, step: float) -> float:
-    if not model.K.any():
-        return ratio(model.W[0, 0], model.W[0, 1])
-    _, K, C, M = model.impulse(step)
-    return painleve_mu(K, C, M, step)
+    flexibility = np.linalg.inv(model.K) + defect
+    # C_NN stays.
+    tau = float(model.C[0, 0] / np.linalg.inv(flexibility)[0, 0])
+    return DiscreteContact(flexibility, tau, half - drift, step, defect)
 
 
 @lru_cache(maxsize=64)
@@ -196,15 +190,15 @@ def full_model(rig: Structural, theta: float) -> ReducedModel:
     """Return the structure itself, every mode in rigid contact; loads are in units of the preload."""
     own = structure_of(rig, theta).motion
     kept, none = np.ones(len(own.stiffness), dtype=bool), np.zeros((2, 2))
-    load, few = own.load / own.preload, FEW_STEP * max(int(np.sum(own.stiffness > 0.0)), 1)
+    load, few = own.load / own.preload, STEP_PER_MODE * max(int(np.sum(own.stiffness > 0.0)), 1)
     return ReducedModel(
         own.stiffness, own.damping, own.normal, own.tangential, own.inertia, own.output, load, kept, none, none,
-        INTERVAL * own.time_unit, rigid_step=RIGID_STEP if isinstance(rig, Rig) else min(few, MANY_STEP),
+        INTERVAL * own.time_unit, rigid_step=RIGID_STEP if isinstance(rig, Rig) else min(few, MOST_RIGID_STEP),
     )  # fmt: skip
 
 
 def default_cutoff(rig: Structural) -> float:
-    """Cut-off of a reduced model, Hz: `SHARE` of a frequency just below an axial mode of P1.
+    """Cut-off of a reduced model, Hz: `CUTOFF_SHARE` of a frequency just below an axial mode of P1.
 
     That is the first above `LEAST_CUTOFF`, but not below the third, 5 c / (4 L), which keeps an impact's reflected
     axial wave. Of large beams less is enough: the frequency at which the bending waves of one of them are four
@@ -218,7 +212,8 @@ def default_cutoff(rig: Structural) -> float:
     speeds = [(beam, float(np.sqrt(beam.young_modulus / beam.density))) for beam in (rig.p1, rig.p2)]
     slender = min(np.pi / (8.0 * np.sqrt(12.0)) * c / beam.thickness for beam, c in speeds)
     below = 0.97 * speeds[0][1] / (4.0 * rig.p1.length)
-    return SHARE * float(below * max(2.0 * np.ceil(0.5 * min(LEAST_CUTOFF, slender) / below - 0.5) + 1.0, 5.0))
+    odd = max(2.0 * np.ceil(0.5 * min(LEAST_CUTOFF, slender) / below - 0.5) + 1.0, 5.0)
+    return CUTOFF_SHARE * float(below * odd)
 
 
 @lru_cache(maxsize=64)
@@ -252,8 +247,8 @@ def reduced_model(rig: Structural, theta: float, cutoff: float | None = None) ->
         return full
     modal, K = {name: getattr(full, name)[kept] for name in MODAL}, np.asarray(np.linalg.inv(flexibility))
     gap = 0.0 if full.stiffness.min() == 0.0 else float(np.sum((full.normal * full.load / full.stiffness)[~kept]))
-    model = replace(full, **modal, kept=kept, K=K, gap=gap)
-    ratio = DAMPING * model.beam_share**4
+    model = replace(full, **modal, kept=kept, K=K, load_gap=gap)
+    ratio = CONTACT_DAMPING * model.beam_share**4
     return replace(model, C=max(2.0 * ratio / model.contact_frequency, rig.d2) * K)
 
 

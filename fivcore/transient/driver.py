@@ -49,9 +49,6 @@ class Transient:
         Velocity along x of P1's surface relative to P2's, m/s.
     state : ndarray of int8, (n,)
         0 separation, 1 stick, 2 slip.
-    growing : ndarray, (m,)
-        Frequencies of the growing modes of steady sliding in the reduced model, Hz. Empty unless the method is
-        "fast" with the default cut-off, and the run starts at rest (no `initial`).
     final_state : State
         State at the end, which `fivcore.simulate` takes as `initial`; for V < 0 that of the mirrored scene.
     """
@@ -64,8 +61,16 @@ class Transient:
     tangential_force: Array = field(default_factory=lambda: np.zeros(0))
     slip_velocity: Array = field(default_factory=lambda: np.zeros(0))
     state: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
-    growing: Array = field(default_factory=lambda: np.zeros(0))
     final_state: State | None = None
+
+    @property
+    def growing(self) -> Array:
+        """Frequencies of the growing modes of steady sliding in the reduced model, (m,), Hz.
+
+        Empty unless the method is "fast" with the default cut-off, and the run starts at rest (no `initial`).
+        """
+        state = self.final_state
+        return np.zeros(0) if state is None or state.origin is None else state.origin[1].growing
 
     def _repr_html_(self) -> str:
         rows = [(name, _short(value)) for name, value in self.summary.items()]
@@ -139,7 +144,6 @@ class Job:
             self._scene,
             summary,
             **self._series.whole(self.run.steps * self.run.step),
-            growing=self.run.growing,
             final_state=State.end_of(Normalised.of(self._scene), self.run),
         )
 

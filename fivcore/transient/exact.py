@@ -103,12 +103,12 @@ class ExactRun(SteppedRun):
         driven = 0.5 * scene.speed_per_load**2 / np.trace(model.W) + 0.5 * scene.mu * slip_distance(scene)
         self._size = sum(energies(scene)) + driven
         self._now, self.held = 0.0, 0
-        # The full state is (q, v, u_N, u_T), q as deviations from `ReducedModel.rest`.
+        # The full state is (q, v, u_N, u_T), q as deviations from `ReducedModel.static_equilibrium`.
         initial, n = options.initial, len(model.stiffness)
         y = np.zeros(2 * n + 2)
         self._gaps_at_rest = np.zeros(2) if self.rigid else np.linalg.solve(model.K, [1.0, 0.0])
         if initial is not None:
-            y[:n] = initial.displacement[model.kept] - model.rest
+            y[:n] = initial.displacement[model.kept] - model.static_equilibrium
             y[n : 2 * n] = initial.velocity[model.kept]
             if not self.rigid:
                 y[2 * n :] = residual_gaps(scene, model.kept, initial) - self._gaps_at_rest
@@ -401,7 +401,7 @@ def _status(model: ReducedModel, mu: float, which: int) -> Status:
         SEPARATION: [normal @ q + u[0]], STICK: [N, mu * N - T, mu * N + T],
         SLIP_UP: [N, -speed], SLIP_DOWN: [N, speed],
     }[which]  # fmt: skip
-    inertial, velocity, damped = model.inertia @ v, model.point_b @ v, np.sqrt(c)[:, None] * v
+    inertial, velocity, damped = model.inertia @ v, model.output @ v, np.sqrt(c)[:, None] * v
     outputs = np.vstack([rate, C @ rate, inertial, velocity, N, T, speed, damped])
     moving = from_full @ np.vstack([v, acceleration, rate])
     # Displacements weighted by frequency and u by stiffness: the norm is then near the energy's.

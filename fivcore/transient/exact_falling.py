@@ -17,7 +17,7 @@ import numpy as np
 from scipy.integrate import DOP853, OdeSolution
 from scipy.optimize import brentq
 
-from fivcore.contact.law import slide
+from fivcore.contact.law import DiscreteContact
 from fivcore.errors import ContactError, DivergenceError
 from fivcore.friction import friction_ratio, slip_speed
 from fivcore.jit import Array, inlined, kernel
@@ -68,7 +68,7 @@ class FallingRun(ExactRun):
         size = np.sqrt(energy + model.W[0, 0] / model.stiffness.max())
         self._which, self._origin, self._amplitudes = which, t, y.copy()
         drive = (self._clamp_velocity(t), self._drive(t)[1], 1.0 if which == SLIP_UP else -1.0)
-        modes = (model.stiffness, model.damping, model.shapes, model.inertia, model.point_b)
+        modes = (model.stiffness, model.damping, model.shapes, model.inertia, model.output)
         self._system = (*modes, model.K, C, self._law, drive, self.rigid)
         start = np.concatenate([q, v, y[-1:], np.zeros(4)])
         least_u = 1.0 if self.rigid else model.K[1, 1] ** -0.5
@@ -137,7 +137,7 @@ class FallingRun(ExactRun):
             )
 
     def _impact_mu(self, rates: Array, up: bool) -> float:
-        sense, law = 1.0 if up else -1.0, slide(self.model.K, self.model.C, 0.5 * self.model.W, 1.0)
+        sense, law = 1.0 if up else -1.0, DiscreteContact(np.zeros((2, 2)), 0.0, 0.5 * self.model.W, 1.0).slip
         alpha, (mu, *fall) = -0.5 * rates[0], self._law
         ahead = -sense * (rates[1] + law.rate_N / law.beta * alpha)
         _, ratio = slip_speed(ahead, ahead, law.mobility, alpha, law.beta, sense * law.gamma, mu, tuple(fall))

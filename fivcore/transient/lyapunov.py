@@ -19,7 +19,7 @@ from fivcore.errors import InputError, SceneError
 from fivcore.jit import Array
 from fivcore.rig import Scene
 from fivcore.transient.driver import Job, located
-from fivcore.transient.fast import data as at
+from fivcore.transient.fast import layout
 from fivcore.transient.fast.run import SHORT_SEGMENT, FastRun, aligned
 from fivcore.transient.fast.solver import put, take
 from fivcore.transient.normalised import State, loading_time
@@ -123,10 +123,10 @@ def mean_growth(growths: Array, times: Array, degrees: int) -> tuple[float, floa
 
 def _deviation(run: FastRun) -> Any:
     """A deviation in which every mode moves, as `kernel.advance` needs it: its record and its modes."""
-    model, record, blocks = run.model, np.zeros(1, at.TANGENT), aligned(run.blocks)
-    blocks[:, at.Q : at.V + 1] = 0.0
-    put(blocks, run.places, at.V, np.full(len(model.rest), len(model.rest) ** -0.5))
-    record["v_N"], record["v_T"] = model.shapes.sum(axis=1) * len(model.rest) ** -0.5
+    model, record, blocks = run.model, np.zeros(1, layout.TANGENT), aligned(run.blocks)
+    blocks[:, layout.Q : layout.V + 1] = 0.0
+    put(blocks, run.places, layout.V, np.full(len(model.normal), len(model.normal) ** -0.5))
+    record["v_N"], record["v_T"] = model.shapes.sum(axis=1) * len(model.normal) ** -0.5
     return record, blocks.ravel()
 
 
@@ -134,11 +134,11 @@ def _scaled_back(run: FastRun) -> float:
     """Give a run's deviation the norm 1, the root of twice its energy; return the logarithm of what it had."""
     (record, modes), model = run.tangent, run.model
     blocks = modes.reshape(run.blocks.shape)
-    q, v = (take(blocks, run.places, row) for row in (at.Q, at.V))
+    q, v = (take(blocks, run.places, row) for row in (layout.Q, layout.V))
     u = np.array([record["u_N"][0], record["u_T"][0]])
     # Without a stiffness of its own a mode has the contact's.
     omega = np.sqrt(np.where(model.stiffness > 0.0, model.stiffness, model.contact_frequency**2))
     norm = float(np.sqrt(np.sum(v**2) + np.sum((omega * q) ** 2) + u @ model.K @ u))
-    blocks[:, at.Q : at.V + 1] /= norm
+    blocks[:, layout.Q : layout.V + 1] /= norm
     record.view(float)[:] /= norm
     return float(np.log(norm))

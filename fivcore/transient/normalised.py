@@ -103,9 +103,9 @@ class State:
         """The state at the end of a run; without its ramp's end the drive does not run at its speed."""
         model, full = run.model, full_model(scene.rig, scene.theta)
         q, v, u = run.state()
-        displacement, velocity = np.zeros((2, len(full.rest)))
+        displacement, velocity = np.zeros((2, len(full.normal)))
         kept = np.flatnonzero(model.kept)
-        displacement[kept], velocity[kept] = q + model.rest, v
+        displacement[kept], velocity[kept] = q + model.static_equilibrium, v
         if not model.kept.all():
             displacement += static_displacement(model, full, u)
         state = cls(scene.load * displacement, scene.load * velocity, int(run.record["contact"][0]))
@@ -137,7 +137,7 @@ def displacement(t: Array, speed: float, ramp: float) -> Array:
 def energies(scene: Normalised) -> tuple[float, float]:
     """Energy stored in static equilibrium, and P2's kinetic energy at its clamp's speed, for F = 1."""
     full = full_model(scene.rig, scene.theta)
-    stored = 0.5 * float(np.sum(full.stiffness * full.rest**2))
+    stored = 0.5 * float(np.sum(full.stiffness * full.static_equilibrium**2))
     return stored, 0.5 * scene.speed_per_load**2 * float(np.sum(full.inertia**2))
 
 
@@ -146,7 +146,7 @@ def reference_energy(scene: Normalised, initial: State | None) -> float:
     full, (stored, moving) = full_model(scene.rig, scene.theta), energies(scene)
     energy = 1e-3 * stored + moving
     if initial is not None:
-        q = initial.displacement - full.rest
+        q = initial.displacement - full.static_equilibrium
         energy += 0.5 * float(np.sum(full.stiffness * q**2 + initial.velocity**2)) + abs(float(full.normal @ q))
     return energy
 

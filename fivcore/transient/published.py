@@ -32,7 +32,7 @@ from fivcore.rig import Rig, Structural
 from fivcore.structure import structure_of
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
-from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter
+from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter, first_counted
 from fivcore.transient.stepped import SteppedRun
 
 # Section 3.3 of the paper: time step, beta2 and the relaxation time of the friction law.
@@ -126,13 +126,13 @@ class PaperRun(SteppedRun):
         record["kinetic"] = scene.mu * friction.kinetic_ratio if friction.constant else scene.mu
         record["speed"], record["ramp"] = speed, ramp
         record["W_NN"], record["W_NT"], record["W_TT"] = contact_closing(model, dt, b)
-        record["settle"] = int(np.ceil(record["settled_from"][0] / dt - 1.0))
+        record["settle"] = first_counted(record["settled_from"][0], dt, 1.0)
         # The unit load alone: at rest stiffness times displacement is load plus normal force.
-        self._load = model.stiffness * model.rest - model.normal
-        q, T = model.rest.copy(), 0.0
+        self._load = model.stiffness * model.static_equilibrium - model.normal
+        q, T = model.static_equilibrium.copy(), 0.0
         v, a = np.zeros((2, len(q)))
         if initial is not None:
-            q, v = (part[: len(model.rest)].copy() for part in (initial.displacement, initial.velocity))
+            q, v = (part[: len(model.normal)].copy() for part in (initial.displacement, initial.velocity))
             a = self._load - model.stiffness * q - model.damping * v
             if initial.contact != SEPARATION:
                 # The gap does not accelerate, and what slips has its friction already.
@@ -164,7 +164,7 @@ class PaperRun(SteppedRun):
 
     def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
         model, before = self.model, self._q.copy()
-        modes = (model.stiffness, model.damping, self._inverse, *model.shapes, model.point_b)
+        modes = (model.stiffness, model.damping, self._inverse, *model.shapes, model.output)
         state = (self._q, self._vs, self._a, np.empty_like(self._q))
         advance(self.record, last, modes, self._f, *state, samples, rows, sticks)
         # The accelerating clamp works on the inertia of P2; its work on the contact is counted in the kernel.
@@ -183,7 +183,7 @@ class PaperRun(SteppedRun):
 
     def state(self) -> tuple[Array, Array, Array]:
         """Displacements from rest and velocities of all modes, with v* as velocity; no others are left."""
-        return self._q - self.model.rest, self._vs, np.zeros(2)
+        return self._q - self.model.static_equilibrium, self._vs, np.zeros(2)
 
     def stored_energy(self) -> float:
         """Energy of the modes and the load, normalised, with v* as velocity."""
@@ -292,7 +292,7 @@ def advance(
             if enter(scene, was, contact, t):
                 sticks[scene.sticks - 1] = (scene.last_stick, t)
             if scene.settled_from < np.inf:
-                scene.settle = int(np.ceil(scene.settled_from / dt - 1.0))
+                scene.settle = first_counted(scene.settled_from, dt, 1.0)
         scene.work += dt * T * (V * t / ramp if t < ramp else V)
         scene.friction -= dt * T * slip_rate
         sampled = now % scene.sample_every == 0

@@ -11,7 +11,7 @@ from warnings import warn
 import numpy as np
 
 from fivcore import checks
-from fivcore.contact.reduced import Modify, ReducedModel, full_model, modified, reduced_model
+from fivcore.contact.reduced import Modify, full_model, modified, reduced_model
 from fivcore.errors import (
     BAND,
     FIXED,
@@ -28,7 +28,7 @@ from fivcore.rig import Rig, Scene, Structural, checked_theta
 from fivcore.structure import REACH, Structure
 from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
-from fivcore.transient.fast.steady import eigenvalues, growing
+from fivcore.transient.fast.steady import sliding_growth
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import Options, Until, law_options, options_for
 
@@ -146,7 +146,8 @@ def simulate(
     moved = abs(scene.V) * result.summary["simulated_time"] / length
     if moved > FIXED:
         warn(fixed_contact(moved), FixedContactWarning, stacklevel=2)
-    if len(result.growing) and result.growing[0] > BAND and isinstance(scene.rig, Rig):
+    slips = isinstance(scene.rig, Rig) and np.isfinite(result.summary["first_slip_time"])
+    if slips and len(result.growing) and result.growing[0] > BAND:
         warn(out_of_band(scene.mu, result.growing[0], scene.rig.valid_up_to), OutOfBandWarning, stacklevel=2)
     return result
 
@@ -206,18 +207,12 @@ def _reaching(scene: Normalised, own: Structure) -> Structure:
     if own.cutoff is None or own.reaching == own:
         return own
     try:
-        found = _sliding_growth(scene, reduced_model(own, scene.theta))
+        model = reduced_model(own, scene.theta)
+        found = sliding_growth(scene, model, model.default_step)
     except ContactError:
         # The method says where and why the contact force is not unique.
         return own
     return own.reaching if len(found) and found[-1] > REACH * own.cutoff else own
-
-
-def _sliding_growth(scene: Normalised, model: ReducedModel) -> Array:
-    """Frequencies of growing motions about steady sliding, Hz."""
-    law, speed = scene.friction, scene.speed_per_load
-    fall = -scene.mu * law.slope(speed)
-    return growing(eigenvalues(model, scene.mu * law.ratio(speed), model.default_step, fall))
 
 
 def growing_frequencies(
@@ -248,7 +243,8 @@ def growing_frequencies(
     arguments |= {"duration": 1.0, "cutoff": cutoff, "numerical_damping": numerical_damping}
     del arguments["scene"]
     _, scaled, options = request(scene, arguments)
-    return _sliding_growth(scaled, reduced_model(scaled.rig, scaled.theta, options.cutoff))
+    model = reduced_model(scaled.rig, scaled.theta, options.cutoff)
+    return sliding_growth(scaled, model, model.default_step)
 
 
 def painleve_mu(

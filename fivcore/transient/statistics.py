@@ -85,6 +85,15 @@ def count_step(run: Any, contact: int, N: float, speed: float, weight: float) ->
 
 
 @inlined
+def first_counted(settled_from: float, step: float, read_at: float) -> int:
+    """First step that counts: read `read_at` of a step after its start, not before `settled_from`, s.
+
+    In a tie rounding may not make it the next step: the sample of this one would hold counters not yet cleared.
+    """
+    return int(np.ceil(settled_from / step - read_at - 1e-6))
+
+
+@inlined
 def enter(run: Any, was: int, contact: int, t: float) -> bool:
     """Count a change of the contact state at time t; return whether the caller has a long stick to list.
 

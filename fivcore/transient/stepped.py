@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from copy import copy
+from copy import copy, deepcopy
 from typing import Any
 
 import numpy as np
@@ -11,13 +11,14 @@ from fivcore.contact.reduced import INTERVAL, ReducedModel
 from fivcore.jit import Array
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
-from fivcore.transient.statistics import SAMPLE, Segment, count_in, room_for_sticks
+from fivcore.transient.statistics import SAMPLE, Segment, count_in, first_counted, room_for_sticks
 
 
 def duplicate(run: Any) -> Any:
-    """A copy of a run with arrays of its own."""
+    """A copy of a run with arrays of its own, which goes on alike."""
     other = copy(run)
-    vars(other).update({name: part.copy() for name, part in vars(run).items() if isinstance(part, np.ndarray)})
+    own = {name: deepcopy(part) for name, part in vars(run).items() if isinstance(part, (np.ndarray, tuple))}
+    vars(other).update(own)
     return other
 
 
@@ -43,7 +44,7 @@ class SteppedRun:
         options.record_of(run.scene, None, run.record, run.begun)
         run.record["row_every"] = options.rows(run.step)[0]
         if "settle" in run.record.dtype.names:
-            run.record["settle"] = int(np.ceil(run.record["settled_from"][0] / run.step - 1.0))
+            run.record["settle"] = first_counted(run.record["settled_from"][0], run.step, 1.0)
         run._first_energy = run.stored_energy()
         return run
 

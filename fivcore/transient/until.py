@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fivcore.transient.fast.data import MAX_SKIP
+from fivcore.transient.fast.layout import MAX_SKIP
 from fivcore.transient.fast.steady import NEAR
 from fivcore.transient.normalised import loading_time
 from fivcore.transient.observe import LOADING_TIMES, Observer, degrees_of_freedom, errors_of_means

@@ -121,7 +121,7 @@ def mapped(state: State | None, before: Scene, after: Scene) -> tuple[State, flo
     """
     assert state is not None
     old, new = (full_model(scene.rig, scene.drive_theta) for scene in (before, after))
-    q = state.displacement + _load(after) * new.rest - _load(before) * old.rest
+    q = state.displacement + _load(after) * new.static_equilibrium - _load(before) * old.static_equilibrium
     jump = np.abs(new.shapes @ state.velocity - old.shapes @ state.velocity).max() / abs(after.V)
     return State(q, state.velocity, state.contact, running=True), float(jump)
 

@@ -28,7 +28,7 @@ def _equilibrium(scene: Scene, force: float, gap: float = 0.0) -> tuple[ReducedM
     elastic = full.stiffness > 0.0
     rigid = int(np.flatnonzero(~elastic)[0])
     # Modal force of the unit load on A.
-    load = np.where(elastic, full.stiffness * full.rest - full.normal, -full.normal)
+    load = np.where(elastic, full.stiffness * full.static_equilibrium - full.normal, -full.normal)
     q = np.zeros(len(full.stiffness))
     q[elastic] = (scene.F * load + force * full.normal)[elastic] / full.stiffness[elastic]
     q[rigid] = (gap - full.normal @ q) / full.normal[rigid]

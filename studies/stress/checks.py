@@ -261,7 +261,7 @@ def _contact_law(spec: RunSpec, run: Transient) -> dict[str, Check]:
 def _moved(spec: RunSpec, driven: float) -> float:
     """Displacement of the clamp or the tip, m: nothing in g_T is larger."""
     model, initial = spec.model, spec.initial
-    moved = driven + spec.arguments["F"] * float(np.sum(np.abs(model.tangential * model.rest)))
+    moved = driven + spec.arguments["F"] * float(np.sum(np.abs(model.tangential * model.static_equilibrium)))
     if initial is not None:
         # The rigid mode's angular frequency is taken as the lowest of the others.
         omega = np.sqrt(np.where(model.stiffness > 0.0, model.stiffness, np.inf))
@@ -273,11 +273,12 @@ def _moved(spec: RunSpec, driven: float) -> float:
 def _gap(spec: RunSpec, run: Transient) -> float:
     """Error of "exact" by its states: p + tau p' = K^-1 (N, T) along the normal, p = -g_N; open: g_N >= -u_N."""
     model, load, first = spec.model, spec.arguments["F"], spec.initial
-    at, n = np.unique(np.linspace(0, len(run.time) - 1, INSTANTS).astype(int)), len(model.rest)
+    at, n = np.unique(np.linspace(0, len(run.time) - 1, INSTANTS).astype(int)), len(model.normal)
     options = {"cutoff": None, **spec.chosen("cutoff", "ramp")}
     options["initial"] = first and State(first[0] / load, first[1] / load, first[2])
     q, v, u = np.split(states_at(Normalised.of(spec.scene), run.time[at], **options), [n, 2 * n], axis=1)
-    opening, rate, gap = (q + model.rest) @ model.normal, v @ model.normal, q @ model.normal + u[:, 0]
+    opening = (q + model.static_equilibrium) @ model.normal
+    rate, gap = v @ model.normal, q @ model.normal + u[:, 0]
     T, N, sense = run.tangential_force / load, run.normal_force / load, float(np.sign(spec.arguments["V"]))
     across, tau = np.linalg.inv(model.K)[0], float(model.C[0, 0] / model.K[0, 0])
     balance = across[0] * N[at] + across[1] * sense * T[at] + opening + tau * rate

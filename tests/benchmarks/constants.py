@@ -70,7 +70,7 @@ HEAD = f"  {'':18}{'mean':>8}{'most':>8}{'beyond':>8}   further than .02 beyond 
 
 def damped(ratio: float) -> Callable[[Any], Any]:
     """A change of the damping ratio of the contact."""
-    return lambda model: replace(model, C=ratio / reduced.DAMPING * model.C)
+    return lambda model: replace(model, C=ratio / reduced.CONTACT_DAMPING * model.C)
 
 
 class Rigs(NamedTuple):
@@ -84,16 +84,16 @@ class Rigs(NamedTuple):
 
 
 def measured_rigs(number: int, names: tuple[str, ...] = ()) -> Rigs:
-    """Compare variants of SHARE and DAMPING, or those named, with four times the cut-off."""
+    """Compare variants of CUTOFF_SHARE and CONTACT_DAMPING, or those named, with four times the cut-off."""
     variants: dict[str, Any] = {f"SHARE {share:g}": {"share": share} for share in (0.64, 1.0)}
-    variants |= {f"DAMPING {ratio:g}": {"ratio": ratio} for ratio in (0.03, 0.045, reduced.DAMPING, 0.09)}
+    variants |= {f"DAMPING {ratio:g}": {"ratio": ratio} for ratio in (0.03, 0.045, reduced.CONTACT_DAMPING, 0.09)}
     variants = {name: variants[name] for name in names or variants}
     found = Rigs({name: [] for name in variants}, {name: [] for name in variants}, [])
     for scene in rigs(number):
         usual = reduced.default_cutoff(scene.rig)
         reference = shares(scene, cutoff=4.0 * usual)
         for name, change in variants.items():
-            cutoff = change.get("share", reduced.SHARE) / reduced.SHARE * usual
+            cutoff = change.get("share", reduced.CUTOFF_SHARE) / reduced.CUTOFF_SHARE * usual
             modify = damped(change["ratio"]) if "ratio" in change else None
             run = shares(scene, cutoff=cutoff, modify=modify)
             difference = np.abs(run[0] - reference[0])
@@ -108,9 +108,10 @@ def measured_rigs(number: int, names: tuple[str, ...] = ()) -> Rigs:
 
 
 def rig_table() -> Table:
-    """Errors of shares on 40 rigs with two values of DAMPING, and by how much they are less than today's."""
-    errors = measured_rigs(40, ("DAMPING 0.045", f"DAMPING {reduced.DAMPING:g}")).errors
-    today, kinds = errors[f"DAMPING {reduced.DAMPING:g}"], {"40": slice(None), "20 known": KNOWN, "20 new": NEW}
+    """Errors of shares on 40 rigs with two values of CONTACT_DAMPING, and by how much less than today's."""
+    own = f"DAMPING {reduced.CONTACT_DAMPING:g}"
+    errors = measured_rigs(40, ("DAMPING 0.045", own)).errors
+    today, kinds = errors[own], {"40": slice(None), "20 known": KNOWN, "20 new": NEW}
     rows: list[list[Any]] = []
     for name, found in errors.items():
         for kind, which in kinds.items():
@@ -131,9 +132,10 @@ TABLES = {"rigs": rig_table}
 
 
 def rig_constants(full: bool) -> Iterator[str]:
-    """SHARE of `LEAST_CUTOFF`, `DAMPING`, and the expected error of the shares."""
+    """`CUTOFF_SHARE` of `LEAST_CUTOFF`, `CONTACT_DAMPING`, and the expected error of the shares."""
     _, largest, expected = measured_rigs(40 if full else 6)
-    yield f"LEAST_CUTOFF = {reduced.LEAST_CUTOFF:g}, SHARE = {reduced.SHARE:g}, DAMPING = {reduced.DAMPING:g}:"
+    names = ("LEAST_CUTOFF", "CUTOFF_SHARE", "CONTACT_DAMPING")
+    yield ", ".join(f"{name} = {getattr(reduced, name):g}" for name in names) + ":"
     yield f"  errors of shares of time on {len(expected)} random rigs, half of them new"
     yield HEAD
     yield from (line(name, found) for name, found in largest.items())
@@ -206,16 +208,17 @@ def belts(step: float, full: bool) -> tuple[float, float]:
 
 
 def step_constants(full: bool) -> Iterator[str]:
-    """`FEW_STEP` by belts, `STEP` by the energy of the paper's rig."""
-    yield f"FEW_STEP = {reduced.FEW_STEP:g} (MANY_STEP = {reduced.MANY_STEP:g}): largest relative error on belts"
+    """`STEP_PER_MODE` by belts, `CONTACT_STEP` by the energy of the paper's rig."""
+    most = f"MOST_RIGID_STEP = {reduced.MOST_RIGID_STEP:g}"
+    yield f"STEP_PER_MODE = {reduced.STEP_PER_MODE:g} ({most}): largest relative error on belts"
     yield f"  {'step times omega':18}{'period':>10}{'stick':>10}"
-    for step in (0.1, 0.02, 0.01, reduced.FEW_STEP, 0.0025):
+    for step in (0.1, 0.02, 0.01, reduced.STEP_PER_MODE, 0.0025):
         yield "  {:<18g}{:10.1e}{:10.1e}".format(step, *belts(step, full))
-    yield f"STEP = {reduced.STEP:g}: energy residual of the paper's rig at 2 mm/s"
+    yield f"CONTACT_STEP = {reduced.CONTACT_STEP:g}: energy residual of the paper's rig at 2 mm/s"
     scene, usual = Scene(2e-3, 5.0, 0.2, 9.0), reduced.reduced_model(Rig(), 5.0).default_step
     for share in (0.5, 1.0, 1.05, 1.1):
         run = simulate(scene, 2.0 if full else 0.5, step=share * usual).summary
-        yield f"  {share * reduced.STEP:<18.3g}{run['energy_residual']:10.1e}"
+        yield f"  {share * reduced.CONTACT_STEP:<18.3g}{run['energy_residual']:10.1e}"
 
 
 def show(full: bool) -> None:

@@ -24,7 +24,7 @@ from fivcore.contact.reduced import reduced_model
 from fivcore.jit import kernel, reordered_call
 from fivcore.transient.fast.kernel import move_both, move_normal
 from fivcore.transient.fast.run import aligned
-from fivcore.transient.fast.solver import frozen_solver
+from fivcore.transient.fast.solver import solver_of
 from tests.benchmarks.tables import Column, Table
 from tests.benchmarks.transient import seconds
 
@@ -83,7 +83,7 @@ def peak() -> float:
 def modes_alone() -> tuple[float, int]:
     """Seconds per step, and operations."""
     model = reduced_model(Rig(), SCENE.theta)
-    solver, steps = frozen_solver(model, SCENE.mu, model.default_step), 100_000
+    solver, steps = solver_of(model, model.default_step), 100_000
     both, others = (int(solver.record[name][0]) for name in ("both", "others"))
     modes = aligned(solver.blocks).ravel()
     taken = shortest(lambda: _modes_alone(modes, both, others, steps)) / steps

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import integrate
 
 from fivcore import Rig, simulate, simulate_many
-from fivcore.contact.reduced import DAMPING, MODAL, default_cutoff, full_model, reduced_model
+from fivcore.contact.reduced import CONTACT_DAMPING, MODAL, default_cutoff, full_model, reduced_model
 from fivcore.transient.normalised import Normalised
 from studies.accuracy.errors import FRACTIONS
 from studies.accuracy.settings import CONVERGED, SETTINGS, TWO, scene_of
@@ -88,7 +88,7 @@ def with_pseudo_modes(model, full, damping):
     names, parts = ("stiffness", "damping", "normal", "tangential"), np.concatenate(added, axis=1)
     modal = {k: np.append(getattr(model, k), parts[names.index(k) if k in names else -1]) for k in MODAL}
     stiff = replace(model, **modal, K=np.linalg.inv(flexibility))
-    return replace(stiff, C=2.0 * DAMPING / stiff.contact_frequency * stiff.K)
+    return replace(stiff, C=2.0 * CONTACT_DAMPING / stiff.contact_frequency * stiff.K)
 
 
 def second():

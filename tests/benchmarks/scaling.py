@@ -49,7 +49,7 @@ def growth(repeat: int = 3) -> dict[str, tuple[list[float], list[float], float]]
     by_duration = medians([lambda d=d: together(SCENE, d, 32) for d in DURATIONS], repeat)
     by_count = medians([lambda n=n: n * together(SCENE, EACH, n) for n in COUNTS], repeat)
     steps, step = 6000, 1e-8
-    sizes = [len(reduced_model(Rig(), SCENE.theta, cutoff).rest) for cutoff in CUTOFFS]
+    sizes = [len(reduced_model(Rig(), SCENE.theta, cutoff).normal) for cutoff in CUTOFFS]
     many = [
         lambda cutoff=cutoff: together(SCENE, steps * step, 32, cutoff=cutoff, step=step, leap=False)
         for cutoff in CUTOFFS

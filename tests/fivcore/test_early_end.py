@@ -9,9 +9,8 @@ import pytest
 from fivcore import Rig, Scene, State, simulate, sliding_modes
 from fivcore.contact.reduced import default_cutoff, full_model, reduced_model
 from fivcore.contact.step_map import step_map
-from fivcore.transient.fast import data as at
+from fivcore.transient.fast import layout, steady
 from fivcore.transient.fast import run as fast
-from fivcore.transient.fast import steady
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.fast.solver import take
 from fivcore.transient.fast.steady import NORMAL, PENETRATION, SLIP_RATE, VELOCITY, steady_sliding
@@ -146,7 +145,7 @@ def run_in_slip(scene, cutoff=None):
 
 def recorded_from(run, x, sliding, speed, last):
     """N, slip rate, velocity of B and contact state of the steps from 80 to `last`, from a state in slip."""
-    size, rows = len(run.model.rest), [np.empty((0, 6))]
+    size, rows = len(run.model.normal), [np.empty((0, 6))]
     run._place(x[:size], x[size:-1])
     run.record["contact"] = SLIP
     run.record["u_N"], run.record["u_T"], run.record["anchor"] = sliding.readings(speed)[PENETRATION], x[-1], 0.0
@@ -159,7 +158,7 @@ def recorded_from(run, x, sliding, speed, last):
 
 def motion_of(run):
     """Displacements and velocities before an impulse, and the element's displacements."""
-    q, v = (take(run.blocks, run.places, row) for row in (at.Q, at.V))
+    q, v = (take(run.blocks, run.places, row) for row in (layout.Q, layout.V))
     return q, v, np.array([run.record["u_N"][0], run.record["u_T"][0]])
 
 
@@ -172,8 +171,8 @@ MAPS += [(Scene(5e-3, 5.0, 0.2, 9.0), cutoff) for cutoff in (300e3, 1e6)]
 @pytest.mark.parametrize(("scene", "cutoff"), MAPS)
 def test_the_kernels_step_in_slip_is_the_map(scene, cutoff):
     run, sliding, speed = run_in_slip(scene, cutoff)
-    matrix = step_map(run.model, run._solver.impulse, run.step, scene.mu).matrix
-    rng, size = np.random.default_rng(0), len(run.model.rest)
+    matrix = step_map(run.model, run.step, scene.mu).matrix
+    rng, size = np.random.default_rng(0), len(run.model.normal)
     for scale in (0.0, 1e-7):
         away = scale * rng.standard_normal(len(sliding.state)) * sliding.state
         seen = recorded_from(run, sliding.state + away, sliding, speed, 81)[0]
@@ -192,7 +191,7 @@ def test_what_the_bound_allows_never_ends_slip(V, monkeypatch):
     """The largest deviation of a kind for which the proof holds; slow scenes end by sticking, fast ones by N."""
     run, sliding, speed = run_in_slip(replace(STABLE, V=V))
     monkeypatch.setattr(steady, "TOLERANCE", np.inf)
-    size, kind = len(run.model.rest), np.random.default_rng(0).standard_normal(len(sliding.state))
+    size, kind = len(run.model.normal), np.random.default_rng(0).standard_normal(len(sliding.state))
     kind[:size] /= 1e4
     kind[-1] = 0.0
     low, high = 0.0, 1.0

@@ -18,7 +18,7 @@ from fivcore import (
     simulate,
     sliding_modes,
 )
-from fivcore.contact.reduced import STEP, reduced_model
+from fivcore.contact.reduced import CONTACT_STEP, reduced_model
 from fivcore.structure import FURTHER_MODES, MOTION_MODES, REACH, SLENDER
 from fivcore.transient.published import SHARE, default_step
 from tests.benchmarks.constants import by_modes, vibrating
@@ -203,7 +203,7 @@ def test_a_step_of_a_solid_follows_its_highest_mode(seed):
     model = reduced_model(meshes.structure(seed, 10e3), 0.0)
     highest = float(np.sqrt(model.stiffness.max()))
     assert model.contact_frequency < highest
-    assert model.default_step * highest <= STEP / SLENDER
+    assert model.default_step * highest <= CONTACT_STEP / SLENDER
     assert len(model.stiffness) == 2 * MOTION_MODES
 
 

@@ -8,12 +8,20 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.linalg import eigh
+from scipy.optimize import brentq
 
 from fivcore import ContactError, Rig, Scene, painleve_mu, simulate
 from fivcore.beams.modes import propagator
 from fivcore.contact import step_map
 from fivcore.contact.impulse import SMALL, at_impulses, between_impulses
-from fivcore.contact.reduced import DAMPING, default_cutoff, full_model, modified, reduced_model
+from fivcore.contact.reduced import (
+    CONTACT_DAMPING,
+    ReducedModel,
+    default_cutoff,
+    full_model,
+    modified,
+    reduced_model,
+)
 from fivcore.rig import P1, P2
 from fivcore.transient.fast.steady import steady_sliding
 from fivcore.transient.published import STEP, TAU, contact_closing
@@ -41,7 +49,7 @@ def test_the_contacts_damping_ratio_is_what_it_should_be(make):
     squares, shapes = eigh(model.K, np.linalg.inv(model.W))
     assert np.sqrt(squares[-1]) == pytest.approx(model.contact_frequency)
     damping = shapes[:, -1] @ model.C @ shapes[:, -1]
-    assert damping == pytest.approx(2.0 * DAMPING * model.contact_frequency)
+    assert damping == pytest.approx(2.0 * CONTACT_DAMPING * model.contact_frequency)
 
 
 @given(st.floats(-6.0, 0.5), st.floats(0.0, 2.0), st.booleans())
@@ -114,12 +122,12 @@ ELASTIC = partial(with_dashpot, factor=0.0)
 
 def test_a_changed_dashpot_changes_nothing_else():
     own = reduced_model(Rig(), 5.0, CUTOFF)
-    np.testing.assert_allclose(own.C, 2.0 * DAMPING / own.contact_frequency * own.K, rtol=1e-14)
+    np.testing.assert_allclose(own.C, 2.0 * CONTACT_DAMPING / own.contact_frequency * own.K, rtol=1e-14)
     for factor in (0.0, 0.5, 2.0):
         model = with_dashpot(own, factor)
         np.testing.assert_allclose(model.C, factor * own.C, rtol=1e-14)
         assert np.array_equal(model.K, own.K)
-        assert np.array_equal(model.rest, own.rest)
+        assert np.array_equal(model.static_equilibrium, own.static_equilibrium)
     # At least the material's.
     np.testing.assert_allclose(reduced_model(Rig(d2=1e-2), 5.0, CUTOFF).C, 1e-2 * own.K, rtol=1e-14)
     modify = partial(with_dashpot, factor=0.6)
@@ -178,7 +186,7 @@ def test_the_critical_friction_is_that_of_the_law_the_ablation_and_the_damping()
     assert painleve_mu(Rig(), 5.0, "paper") == pytest.approx(normal * (1 + r) / (r * abs(cross)))
     assert painleve_mu(Rig(), 20.0, "exact", modify=without_cross_terms) == np.inf
     springs = with_dashpot(reduced_model(Rig(), 20.0), 0.0)
-    K = springs.impulse(springs.default_step).stiffness
+    K = springs.discrete(springs.default_step).stiffness
     assert painleve_mu(Rig(), 20.0, "fast", modify=ELASTIC) == pytest.approx(abs(K[1, 1] / K[0, 1]), rel=1e-12)
     W = contact_closing(full_model(Rig(), 20.0), 2e-8, 0.5)
     undamped = abs(W[0] / W[1]) * (1.0 + TAU / 2e-8)
@@ -188,6 +196,65 @@ def test_the_critical_friction_is_that_of_the_law_the_ablation_and_the_damping()
     for method in ("fast", "exact"):
         damped = painleve_mu(Rig(d2=1.6e-8), 20.0, method)
         assert painleve_mu(Rig(), 20.0, method, numerical_damping="published") == damped
+
+
+@np.errstate(divide="ignore", invalid="ignore")
+def slip_by_its_equation(K, C, M, m, step):
+    """Slip with T = m N, m (n, 1), where u_T follows the element's own equation.
+
+    Returns divisors (n,), and N and u_T at the end from (p, u_T, v_N), (n, 2, 3); v is the mean rate of g_N.
+    """
+    zero, divisor = np.zeros_like(m), C[1, 1] - m * C[0, 1]
+    rate = (m * K[0, 1] - K[1, 1]) / divisor
+    on_p, on_v = (m * K[0, 0] - K[1, 0]) / divisor, (C[1, 0] - m * C[0, 0]) / divisor
+    mean_rate = np.expm1(rate * step) / (rate * step) * np.hstack([on_p, rate, on_v])
+    mean = (mean_rate - np.hstack([on_p, zero, on_v])) / rate
+    N = np.array([K[0, 0], 0.0, -C[0, 0]]) + K[0, 1] * mean + C[0, 1] * mean_rate
+    # v = v_N + inertia N, solved for N.
+    inertia = M[0, 0] + m * M[0, 1]
+    solved = 1.0 - inertia * N[:, 2:]
+    force = N / solved
+    end = step * (mean_rate + mean_rate[:, 2:] * inertia * force) + [0.0, 1.0, 0.0]
+    return solved[:, 0], np.stack([force, end], axis=1)
+
+
+def scanned_limit(K, C, M, step):
+    """The least friction at which a divisor is zero, first looked for at 400 frictions up to the law's limit."""
+
+    def least(mu):
+        return slip_by_its_equation(K, C, M, np.append(mu, -mu)[:, None], step)[0].reshape(2, -1).min(axis=0)
+
+    law = abs(K[1, 1] / K[0, 1])
+    trial = np.linspace(0.0, min(law, 1e6) * (1.0 - 1e-9), 400)
+    past = np.flatnonzero(least(trial) <= 0.0)[:1]
+    ends = (trial[k] for k in (*(past - 1), *past))
+    return brentq(lambda mu: least(np.array([mu]))[0], *ends, xtol=1e-15, rtol=1e-15) if len(past) else law
+
+
+def test_one_map_is_slip_with_any_friction_and_knows_its_limit():
+    """Of 200 random models; N does not depend on u_T, whose own equation relaxes with tau alone."""
+    rng, below = np.random.default_rng(3), 0
+    for seed in range(200):
+        # Gap shapes of six modes that are kept and of six that are not; the contact rarely rings in a step.
+        shapes, left = rng.normal(size=(2, 2, 6)) * [[[1.0], [10.0 ** rng.uniform(-1.0, 0.5)]]]
+        stiffness, step = 10.0 ** rng.uniform(10.0, 13.0, 6), 10.0 ** rng.uniform(-6.5, -5.5)
+        K, W = np.linalg.inv(left / stiffness @ left.T), shapes @ shapes.T
+        omega = np.sqrt(np.linalg.eigvals(K @ W).real.max())
+        C = K * 10.0 ** rng.uniform(-1.5, 0.5) / omega
+        none, kept = np.zeros(6), np.ones(6, dtype=bool)
+        model = ReducedModel(stiffness * 1e-3, none, *shapes, none, none, none, kept, K, C)
+        contact = model.discrete(step)
+        limit, M = contact.painleve_mu, contact.delassus
+        K, C = contact.stiffness, contact.tau * contact.stiffness
+        assert limit == pytest.approx(scanned_limit(K, C, M, step), rel=2e-13), seed
+        below += limit < 0.999 * abs(K[1, 1] / K[0, 1])
+        for m in rng.uniform(-0.9, 0.9, 3) * min(limit, 2.0):
+            N, T, u = contact.slip.forces(m)
+            (expected,) = slip_by_its_equation(K, C, M, np.array([[m]]), step)[1]
+            scale = np.abs(expected).max(axis=1, keepdims=True)
+            np.testing.assert_allclose(np.stack([N, u])[:, :3] / scale, expected / scale, 1e-9, 1e-13)
+            np.testing.assert_allclose(T, m * N, rtol=1e-12)
+    assert 20 < below < 180
 
 
 def test_a_step_at_which_slip_alternates_is_refused():

@@ -222,7 +222,7 @@ FULL = full_model(Rig(), 5.0)
 
 def sliding(scene, contact=SLIP):
     """Modes as in steady sliding at the speed of the drive, seen from P2's clamp before the jerk."""
-    elastic, q = FULL.stiffness > 0.0, scene.F * FULL.rest
+    elastic, q = FULL.stiffness > 0.0, scene.F * FULL.static_equilibrium
     q[elastic] += scene.mu * scene.F * FULL.tangential[elastic] / FULL.stiffness[elastic]
     q[~elastic] -= FULL.normal @ q / FULL.normal[~elastic]
     return State(q, -FULL.inertia * scene.V, contact)
@@ -243,7 +243,7 @@ def test_a_run_that_begins_in_slip_has_slipped_and_waits_until_it_has_settled(me
 def test_what_a_long_stick_is_does_not_depend_on_the_start():
     """Next to the onset of the pair at 2.8 kHz sticks are short; from an open contact they come at once."""
     scene, up = Scene(2e-3, 5.0, 0.1125, 9.0), 1e-6 / FULL.normal[0] * (FULL.stiffness == 0.0)
-    starts = ({}, {"ramp": 0.05}, {"initial": State(scene.F * FULL.rest + up, 0.0 * up, SEPARATION)})
+    starts = ({}, {"ramp": 0.05}, {"initial": State(scene.F * FULL.static_equilibrium + up, 0.0 * up, SEPARATION)})
     runs = [simulate(scene, 0.8, **given).summary for given in starts]
     assert max(np.sum(run["stick_times"]) for run in runs) < 0.1 * 0.8
     normalised = Normalised.of(scene)

@@ -19,7 +19,7 @@ from fivcore import (
     onset_sensitivity,
     sliding_modes,
 )
-from fivcore.beams.similar import secular_root
+from fivcore.beams.modes import secular_root
 from fivcore.rig import P1, P2
 from fivcore.stability import many
 from tests.helpers.examples import examples

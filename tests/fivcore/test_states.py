@@ -1,6 +1,7 @@
 """States: runs that go on from the end of another, and starts in slip, in stick and in separation."""
 
 import gc
+import itertools
 import pickle
 import weakref
 from dataclasses import replace
@@ -10,6 +11,11 @@ import pytest
 
 from fivcore import Friction, InputError, Rig, Scene, State, Structure, Until, simulate
 from fivcore.contact.reduced import full_model
+from fivcore.transient.fast.run import FastRun
+from fivcore.transient.normalised import Normalised
+from fivcore.transient.options import Options
+from fivcore.transient.statistics import first_counted
+from fivcore.transient.stepped import duplicate
 
 SCENE = Scene(2e-3, 5.0, 0.2, 9.0)
 SLIDING = replace(SCENE, mu=0.05)
@@ -47,6 +53,32 @@ def test_a_run_in_pieces_has_the_bits_of_one(scene, options):
     assert np.array_equal(a.velocity, b.velocity)
     assert (a.contact, a.time, a.running) == (b.contact, b.time, True)
     assert not pieces[0].final_state.running or options.get("ramp") == 0.0
+
+
+@pytest.mark.parametrize(("scene", "options", "phases"), [
+    # Through the ramp, the onset and bursts, with skips; sliding that is proved to last.
+    (replace(SCENE, V=5e-3), {"record": ("velocity_B",), "sample_rate": None}, 5),
+    (replace(SLIDING, V=0.05), {"settle": 0.0}, 3),
+])  # fmt: skip
+def test_a_run_is_its_state_and_a_copy_goes_on_alike(scene, options, phases):
+    run, seen, copies = FastRun(Normalised.of(scene), Options(0.16, **options)), set(), []
+    while not run.done:
+        copies.append(duplicate(run))
+        seen.add(run._phase)
+        for each in (run, copies[-1]):
+            each.advance()
+            each.written = [(part.t, part.samples, part.sticks, part.rows) for part in each.segments]
+        for one, other in zip(run.written, copies[-1].written, strict=True):
+            assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+    for early in copies[:3]:
+        while not early.done:
+            early.advance()
+            assert len(list(early.segments))
+    assert len(seen) == phases
+    for each in (*copies[:3], copies[-1]):
+        assert each.record.tobytes() == run.record.tobytes()
+        assert each.blocks.tobytes() == run.blocks.tobytes()
+        assert (each.now, each.may_settle, each.models) == (run.now, run.may_settle, run.models)
 
 
 def test_skips_and_the_published_scheme_go_on_with_their_bits():
@@ -191,7 +223,7 @@ def test_a_state_of_the_mirrored_scene_is_refused():
 
 def test_the_contact_follows_from_gap_and_rate():
     rig, full = Rig(), full_model(Rig(), 5.0)
-    q, still = 9.0 * full.rest, np.zeros(len(full.rest))
+    q, still = 9.0 * full.static_equilibrium, np.zeros(len(full.normal))
     assert State.of(SCENE, q, still).contact == 2
     up = 1e-6 * full.normal / (full.normal @ full.normal)
     assert State.of(SCENE, q + up, still).contact == 0
@@ -216,3 +248,15 @@ def test_a_structure_keeps_what_its_modes_leave_out():
     assert len(end.displacement) > len(own.frequency)
     run = simulate(scene, 1e-3, initial=replace(end), record=True, sample_rate=None, step=2e-5)
     assert run.normal_force[0] == pytest.approx(pieces[1].normal_force[0], rel=2e-2)
+
+
+def test_no_sample_of_the_statistics_is_older_than_their_counters():
+    """Settling lasts a whole number of steps by default, 0.1 s, so that rounding decides ties."""
+    rng = np.random.default_rng(0)
+    for every, read_at in itertools.product((1, 7, 11), (0.5, 1.0)):
+        step = 20e-6 / every
+        t = (np.arange(30_000) * every + read_at) * step
+        for slip in rng.integers(0, 20_000, 500) + read_at:
+            settled_from = slip * step + 5000 * every * step
+            assert first_counted(settled_from, step, read_at) <= np.searchsorted(t, settled_from) * every
+            assert first_counted(settled_from, step, read_at) >= slip - read_at + 5000 * every

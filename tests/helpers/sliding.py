@@ -14,7 +14,7 @@ def sliding_state(rig, theta, mu, V, F, pair=0, size=0.0):
     force = model.normal + mu * model.tangential
     # Friction bends it from where it is at rest under the unit load.
     q = np.zeros(len(force))
-    q[elastic] = (model.rest + (force - model.normal) / np.where(elastic, model.stiffness, 1.0))[elastic]
+    q[elastic] = (force - model.normal)[elastic] / model.stiffness[elastic] + model.static_equilibrium[elastic]
     q[~elastic] = -(model.normal @ q) / model.normal[~elastic]
     # Relative to a clamp that starts with a jerk, P2 must move for it to be at V at once.
     v = -model.inertia * V / F

@@ -10,8 +10,7 @@ from fivcore import Rig
 from fivcore.beams.modes import propagator
 from fivcore.contact.reduced import ReducedModel
 from fivcore.transient import exact, published
-from fivcore.transient.fast import data as at
-from fivcore.transient.fast import kernel
+from fivcore.transient.fast import kernel, layout
 from fivcore.transient.fast.run import aligned
 from fivcore.transient.fast.skip import NONE, workspace_for
 from fivcore.transient.fast.solver import Solver, put, take
@@ -70,21 +69,22 @@ class Fast:
 
     def __init__(self, system, step):
         self.model, self.step = system.model, step
-        rest, normal, tangential = self.model.rest, system.normal, system.tangential
-        self.solver = Solver(self.model, system.mu, step)
+        rest, normal, tangential = self.model.static_equilibrium, system.normal, system.tangential
+        self.solver = Solver(self.model, step)
         u = np.array(system.u)
         if self.model.K.any() and system.contact != SEPARATION:
             # The same force of the element that impulses need.
-            u = np.linalg.solve(self.solver.impulse.stiffness, self.model.K @ u)
+            u = self.solver.contact.flexibility @ (self.model.K @ u)
         self.record = record = begin(self.solver.record.copy(), 0.0, 0.0, 1.0, system.contact)
         (p_rest, T_rest), away = self.solver.at_rest, system.q - rest
-        fill(record, contact=system.contact, speed=system.V, threshold=np.inf, u_N=u[0], u_T=u[1])
+        fill(record, mu=system.mu, kinetic=system.mu, contact=system.contact, speed=system.V)
+        fill(record, threshold=np.inf, u_N=u[0], u_T=u[1])
         fill(record, anchor=u[1] + tangential @ away + T_rest, p_rest=p_rest, T_rest=T_rest)
         # Impulses come in the middle of a step.
         x, v = self._moved(away, system.v, 0.5 * step)
         blocks = self.solver.blocks.copy()
-        put(blocks, self.solver.places, at.Q, x)
-        put(blocks, self.solver.places, at.V, v)
+        put(blocks, self.solver.places, layout.Q, x)
+        put(blocks, self.solver.places, layout.V, v)
         self.modes = aligned(blocks).ravel()
         fill(record, g_N=normal @ x, g_T=tangential @ x, v_N=normal @ v, v_T=tangential @ v)
         self.first = self.energy()
@@ -109,16 +109,17 @@ class Fast:
     def _state(self):
         """Displacements about rest and velocities at the start of the step."""
         blocks = self.modes.reshape(self.solver.blocks.shape)
-        return self._moved(*(take(blocks, self.solver.places, row) for row in (at.Q, at.V)), -0.5 * self.step)
+        x, v = (take(blocks, self.solver.places, row) for row in (layout.Q, layout.V))
+        return self._moved(x, v, -0.5 * self.step)
 
     @property
     def q(self):
-        return self._state()[0] + self.model.rest
+        return self._state()[0] + self.model.static_equilibrium
 
     def energy(self):
         """Of modes, load and element."""
         model, u = self.model, np.array([self.record["u_N"][0], self.record["u_T"][0]])
-        (x, v), K = self._state(), self.solver.impulse.stiffness
+        (x, v), K = self._state(), self.solver.contact.stiffness
         return 0.5 * np.sum(v**2 + model.stiffness * x**2) + model.normal @ x + 0.5 * u @ K @ u
 
     def imbalance(self):
@@ -153,7 +154,7 @@ def by_exact(system, duration, step, every=8):
         while not run.done:
             run.advance()
             rows += [segment.rows for segment in run.segments]
-            places.append(run._state_at(run._now)[: len(system.k)] + run.model.rest)
+            places.append(run._state_at(run._now)[: len(system.k)] + run.model.static_equilibrium)
     times = np.minimum(np.arange(1, len(places) + 1) * every, run.steps) * step
     return times, np.array(places), np.concatenate(rows)
 

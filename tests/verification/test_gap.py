@@ -74,11 +74,10 @@ def replayed(model, held, speed, ramp, time, N, T):
         losses += step * np.array([model.damping @ mean**2, added @ mean**2])
         q, v = x, y
     # Impulses see less of the modes' flexibility than a lasting force does; their element has it instead.
-    impulse, u = model.impulse(step), np.zeros(len(N))
-    defect, closed = float(impulse.defect[0, 0]), float(model.normal @ model.rest)
-    if impulse.stiffness.any():
-        lasting = np.linalg.inv(impulse.stiffness)[0] @ np.stack([N, T])
-        tau = float(impulse.damping[0, 0] / impulse.stiffness[0, 0])
+    contact, u = model.discrete(step), np.zeros(len(N))
+    defect, closed = float(contact.defect[0, 0]), float(model.normal @ model.static_equilibrium)
+    if contact.flexibility.any():
+        lasting, tau = contact.flexibility[0] @ np.stack([N, T]), contact.tau
         # Over the part of a step before its record, and over what is left of it.
         before, after = np.exp(-time[0] / tau), np.exp(-(step - time[0]) / tau)
         start = before * after * (defect - closed)

@@ -11,7 +11,7 @@ from fivcore import Friction, Rig, Scene, State, Structure, lyapunov_exponent, s
 from fivcore.contact.reduced import reduced_model
 from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.transient import lyapunov
-from fivcore.transient.fast import data as at
+from fivcore.transient.fast import layout
 from fivcore.transient.fast.run import FastRun, aligned
 from fivcore.transient.fast.solver import put, take
 from fivcore.transient.fast.steady import eigenvalues
@@ -39,9 +39,9 @@ def finished(run):
     """Give the run's deviation its last impulse, as the run itself has it at a pause; return its modes."""
     record, modes = run.tangent
     blocks, impulse = modes.reshape(run.blocks.shape), (record["impulse_N"][0], record["impulse_T"][0])
-    push = blocks[:, at.NORMAL] * impulse[0] + blocks[:, at.TANGENTIAL] * impulse[1]
-    blocks[:, at.Q] += blocks[:, at.B] * push
-    blocks[:, at.V] += blocks[:, at.D] * push
+    push = blocks[:, layout.NORMAL] * impulse[0] + blocks[:, layout.TANGENTIAL] * impulse[1]
+    blocks[:, layout.Q] += blocks[:, layout.B] * push
+    blocks[:, layout.V] += blocks[:, layout.D] * push
     for name, (row, i, j) in IMPULSES.items():
         record[name] += run.record[row][0, [i, j]] @ impulse
     record["impulse_N"] = record["impulse_T"] = 0.0
@@ -71,14 +71,15 @@ def test_the_deviation_is_what_parts_two_neighbours(case):
         other.tangent, other.record, other.blocks = (), run.record.copy(), aligned(run.blocks)
         # A share of the largest velocity, not of the present one: in a long stick that decays, and differences of
         # so small a share of it are lost in the rounding of the deflections under load.
-        largest = max(largest, np.linalg.norm(run.blocks[:, at.V]))
+        largest = max(largest, np.linalg.norm(run.blocks[:, layout.V]))
         size = distance * largest
-        other.blocks[:, at.Q : at.V + 1] += size * modes.reshape(run.blocks.shape)[:, at.Q : at.V + 1]
+        moving = slice(layout.Q, layout.V + 1)
+        other.blocks[:, moving] += size * modes.reshape(run.blocks.shape)[:, moving]
         for name in STATE:
             other.record[name] += size * record[name]
         for each in (run, other):
             taken(each, round(1e-3 / run.step))
-        mine, theirs = finished(run)[:, at.V], (other.blocks - run.blocks)[:, at.V] / size
+        mine, theirs = finished(run)[:, layout.V], (other.blocks - run.blocks)[:, layout.V] / size
         errors.append(np.linalg.norm(mine - theirs) / np.linalg.norm(mine))
         contacts.add(int(run.record["contact"][0]))
     assert np.median(errors) < 1e-4
@@ -90,21 +91,21 @@ def test_in_slip_it_follows_a_growing_eigenvector():
     """2794 Hz, with 1764 1/s, over a millisecond."""
     start, _ = sliding_state(Rig(), 5.0, 0.2, 1.0, 8.0)
     run = begun(Scene(1.0, 5.0, 0.2, 8.0), 1.0, initial=start, ramp=0.0)
-    model, count, size = run.model, 500, len(run.model.rest)
-    z, vectors, _, _ = eigenvectors(step_map(model, model.impulse(run.step), run.step, 0.2))
+    model, count, size = run.model, 500, len(run.model.normal)
+    z, vectors, _, _ = eigenvectors(step_map(model, run.step, 0.2))
     top = np.argmin(np.abs(np.log(z) / run.step - (1764.0 + 2794.0j * 2.0 * np.pi)))
     assert np.log(np.abs(z[top])) / run.step == pytest.approx(1764.0, rel=5e-3)
     x, expected = vectors[:, top].real, (vectors[:, top] * z[top] ** count).real
     run.tangent = record, modes = lyapunov._deviation(run)
     blocks = modes.reshape(run.blocks.shape)
-    for row, values in ((at.Q, x[:size]), (at.V, x[size:-1])):
+    for row, values in ((layout.Q, x[:size]), (layout.V, x[size:-1])):
         put(blocks, run.places, row, values)
     record["g_N"], record["g_T"] = model.shapes @ x[:size]
     record["v_N"], record["v_T"] = model.shapes @ x[size:-1]
     record["u_T"] = x[-1]
     taken(run, count)
     assert run.record["switches"] == 0.0
-    found = take(finished(run), run.places, at.V)
+    found = take(finished(run), run.places, layout.V)
     np.testing.assert_allclose(found, expected[size:-1], rtol=0.0, atol=1e-8 * np.abs(expected[size:-1]).max())
 
 

@@ -9,7 +9,7 @@ import pytest
 from fivcore import Beam, Rig, Scene, simulate, simulate_many, sliding_modes
 from fivcore.beams.modes import lower_basis
 from fivcore.transient.exact_run import states_at
-from fivcore.transient.fast import data as at
+from fivcore.transient.fast import layout
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.fast.solver import take
 from fivcore.transient.normalised import Normalised
@@ -60,7 +60,7 @@ def fast_state(step, time, modify=None):
     assert run.steps == steps
     while not run.done:
         run.advance()
-    return take(run.blocks, run.places, at.Q) + run._shift
+    return take(run.blocks, run.places, layout.Q) + run._shift
 
 
 @pytest.mark.parametrize(("near", "most"), [(0.0085, 2e-8), (0.0100, 1e-5)])

@@ -70,7 +70,7 @@ def test_the_model_that_moves(number, given, monkeypatch):
     for each, model in zip((scene, own), models, strict=True):
         turned = each if each.V > 0.0 else each.mirrored()
         rest, (_, struck) = starts.equilibrium(turned), starts.directions(turned, ["knock"])[0]
-        rows = np.stack([model.normal, model.tangential, model.inertia, model.point_b, model.load])
+        rows = np.stack([model.normal, model.tangential, model.inertia, model.output, model.load])
         parts = rows * np.stack([rest, struck])[:, None, model.kept]
         seen_by.append([*parts.sum(axis=2), (rows**2).sum(axis=1), np.abs(parts).sum(axis=2)[0]])
     for one, other in zip(*seen_by, strict=True):

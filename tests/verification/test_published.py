@@ -23,10 +23,11 @@ CASES = {
 def lively(rig, theta, mu, F, speed, contact):
     """Modes below 60 kHz moving at random; P1 falls, rests, or is bent by friction and lags behind."""
     model = full_model(rig, theta)
-    rng = np.random.default_rng(contact)
-    q = F * model.rest
+    # Whatever the signs of the modes.
+    rng, sign = np.random.default_rng((contact, 1)), np.copysign(1.0, model.normal + model.tangential)
+    q = F * model.static_equilibrium
     low = model.stiffness < (2.0 * np.pi * 60e3) ** 2
-    v = np.sqrt(1e-3) * speed * rng.standard_normal(len(q)) * low
+    v = np.sqrt(1e-3) * speed * sign * rng.standard_normal(len(q)) * low
     if contact == SEPARATION:
         q[0] += 2e-7 / model.normal[0]
         v[0] -= 0.3 / model.normal[0]

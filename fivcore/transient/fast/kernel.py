@@ -25,15 +25,15 @@ import numpy as np
 
 from fivcore.friction import friction_ratio, slip_speed
 from fivcore.jit import called, contracted, inlined, kernel, reordered
-from fivcore.transient.fast import data as at
+from fivcore.transient.fast import layout
 from fivcore.transient.fast.skip import skip
-from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, enter
+from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, enter, first_counted
 
 # Unsigned numbers are no candidates for an index from the end.
-_A, _B, _C, _D = (np.uint64(row * at.BLOCK) for row in (at.A, at.B, at.C, at.D))
-_NORMAL, _TANGENTIAL = (np.uint64(row * at.BLOCK) for row in (at.NORMAL, at.TANGENTIAL))
-_Q, _V, _POINT_B, _DAMPING = (np.uint64(row * at.BLOCK) for row in (at.Q, at.V, at.POINT_B, at.DAMPING))
-_BLOCK_SIZE = np.uint64(at.BLOCK_SIZE)
+_A, _B, _C, _D, _NORMAL, _TANGENTIAL, _Q, _V, _OUTPUT, _DAMPING = (
+    np.uint64(row * layout.BLOCK) for row in range(layout.BLOCK_ROWS)
+)
+_BLOCK_SIZE = np.uint64(layout.BLOCK_SIZE)
 
 
 @reordered
@@ -75,7 +75,7 @@ def move_normal(x: Any, first: Any, count: Any, impulse_N: float) -> Any:
 @inlined
 def block(k: int, size: int) -> Any:
     """Where block k begins, and how many of `size` places it has."""
-    return np.uint64(k) * _BLOCK_SIZE, np.uint64(min(size - k * at.BLOCK, at.BLOCK))
+    return np.uint64(k) * _BLOCK_SIZE, np.uint64(min(size - k * layout.BLOCK, layout.BLOCK))
 
 
 @inlined
@@ -109,7 +109,7 @@ def observe(x: Any, first: Any, count: Any, last_N: float, last_T: float) -> Any
         normal, tangential = x[j + _NORMAL], x[j + _TANGENTIAL]
         v = x[j + _V] + x[j + _D] * (normal * last_N + tangential * last_T)
         lost = x[j + _DAMPING] * v
-        speed += x[j + _POINT_B] * v
+        speed += x[j + _OUTPUT] * v
         power += lost * v
         by_N += lost * normal
         by_T += lost * tangential
@@ -123,11 +123,11 @@ def advance(
 ) -> None:  # fmt: skip
     """Take a scene to the end of its segment.
 
-    `scenes` (1,) is its record of `data.SCENE` and `modes` its blocks in a row. `samples` (any, SAMPLE),
+    `scenes` (1,) is its record of `layout.SCENE` and `modes` its blocks in a row. `samples` (any, SAMPLE),
     `rows` (any, 6) and `sticks` (any, 2), begin and end, are written as in `statistics.Segment`; `tables` and
     `work` are those of `skip.skip`. `law` is `Friction.law` where friction depends on the slip rate, else (): each
     is compiled by itself. `tangent` is () or a small deviation that follows a motion without skips and without
-    rigid contact: its record (1,) of `data.TANGENT` and its modes, like `modes`.
+    rigid contact: its record (1,) of `layout.TANGENT` and its modes, like `modes`.
     """
     scene = scenes[0]
     while scene.stopped == 0 and scene.now < scene.last:
@@ -160,7 +160,7 @@ def falling(scene: Any, law: Any, p: float, u: float, vN: float, vT: float, way:
 
     `u` is u_T at the start, `way` the sign of T, and `last` the slip rate in the step before.
     """
-    s, mu = scene.slide, scene.mu
+    s, mu = scene.slip, scene.mu
     alpha, beta, gamma = s[0] * p + s[1] * vN, s[2], s[3]
     free, mobility = vT - s[4] * u + s[5] / beta * alpha, s[6] + s[5] / beta * gamma
     v, ratio = slip_speed(-way * last, -way * free, mobility, alpha, beta, way * gamma, mu, law)
@@ -225,7 +225,7 @@ def respond(
     `was` and `contact` are the contact's status before and after, `met` says whether the surfaces met; slip rate,
     N and T are those of the motion.
     """
-    maps, relax, M = scene.stick_law[np.uint64(was)], scene.relax, scene.M
+    maps, s, M = scene.stick_law[np.uint64(was)], scene.slip, scene.M
     by_q, by_v = scene.after_q, scene.after_v
     p = -added(d.g_N, by_q[0], d.impulse_N, by_q[1], d.impulse_T)
     gT = added(d.g_T, by_q[1], d.impulse_N, by_q[2], d.impulse_T)
@@ -243,7 +243,7 @@ def respond(
         d.anchor = gT + d.u_T
     elif contact == SLIP:
         # T = m N; where m depends on the slip speed, by the derivative of that speed's equation (`falling`).
-        s, m, dm = scene.slide, T / N, 0.0
+        m, dm = T / N, 0.0
         inverse, alpha = 1.0 / (s[2] - s[3] * m), s[0] * p + s[1] * vN
         if len(law) > 0:
             free, mobility = vT - s[4] * before + s[5] / s[2] * alpha, s[6] + s[5] / s[2] * s[3]
@@ -254,7 +254,7 @@ def respond(
         d.u_N, d.u_T = p, s[7] * before + s[8] * dN + s[9] * dT
     else:
         dN, dT = 0.0, 0.0
-        d.u_N, d.u_T = relax[0] * first + relax[1] * before, relax[2] * first + relax[3] * before
+        d.u_N, d.u_T = s[7] * first, s[7] * before
     d.impulse_N, d.impulse_T = scene.step * dN, scene.step * dT
 
 
@@ -263,7 +263,10 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
     """Take a scene to its next pause."""
     mu, kinetic, step, rigid, ramp = scene.mu, scene.kinetic, scene.step, scene.rigid != 0, scene.ramp
     per_step, kept = 1.0 / step, scene.kinetic == mu and len(law) == 0
-    stick_law, slip_law, relax = scene.stick_law, scene.slip_law, scene.relax
+    stick_law, slip, decay = scene.stick_law, scene.slip, scene.slip[7]
+    # Slip with T = mu N and with T = -mu N: N over alpha, and what N adds to u_T.
+    forward_N, backward_N = 1.0 / (slip[2] - kinetic * slip[3]), 1.0 / (slip[2] + kinetic * slip[3])
+    forward_u, backward_u = slip[8] + kinetic * slip[9], slip[8] - kinetic * slip[9]
     M_NN, M_NT, M_TT = scene.M[0], scene.M[1], scene.M[2]
     K_NN, K_NT, K_TT = scene.K[0], scene.K[1], scene.K[2]
     C_NN, C_NT, C_TT, C_slip = scene.C[0], scene.C[1], scene.C[2], scene.C[3]
@@ -300,11 +303,11 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
         # The contact law.
         was = contact
         status = np.uint64(was)
-        relaxed = relax[0] * u_N + relax[1] * u_T
+        relaxed = decay * u_N
         closed, N, T = p > relaxed, 0.0, 0.0
         # In rigid contact the gap of a lasting contact is rounding: only its force can end it.
         closed = closed or (rigid and was != SEPARATION)
-        before, end_N, end_T, met = u_T, relaxed, relax[2] * u_N + relax[3] * u_T, closed
+        before, end_N, end_T, met = u_T, relaxed, decay * u_T, closed
         stick_N, less_N, less_T, last_rate = 0.0, 0.0, 0.0, slip_rate
         if closed:
             u = anchor - gT if was == STICK else u_T
@@ -355,11 +358,11 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                     anchor = gT + end_T
                 else:
                     before = u + shift if was == STICK else u
-                    way, m = (np.uint64(0), scene.kinetic) if forward else (np.uint64(1), -scene.kinetic)
-                    N = (slip_law[way, 0] * p + slip_law[way, 2] * closing) + slip_law[way, 1] * before
+                    m, per_alpha = (kinetic, forward_N) if forward else (-kinetic, backward_N)
+                    N = (slip[0] * p + slip[1] * closing) * per_alpha
                     if N > 0.0:
                         T, end_N = m * N, p
-                        end_T = (slip_law[way, 3] * p + slip_law[way, 5] * vN) + slip_law[way, 4] * before
+                        end_T = decay * before + (forward_u if forward else backward_u) * N
                         if len(law) > 0:
                             _, N, T, end_T = falling(scene, law, p, before, closing, vT, np.sign(m), slip_rate)
                         old_T = scene.last_T
@@ -378,7 +381,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                             N, T = N + less_N, T + less_T
                     else:
                         closed, N, T = False, 0.0, 0.0
-                        end_N, end_T = relax[0] * p + relax[1] * before, relax[2] * p + relax[3] * before
+                        end_N, end_T = decay * p, decay * before
         last_N, last_T = impulse_N, impulse_T
         impulse_N, impulse_T = step * (N - 1.0), step * T
         free_gN, free_gT, free_vN, free_vT = move_both(modes, both, size, blocks, last_N, last_T)
@@ -430,9 +433,10 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
             if contact == SEPARATION and scene.until_open != 0:
                 scene.stopped = 1
             if scene.settled_from < np.inf:
-                scene.settle = int(np.ceil(scene.settled_from * per_step - 0.5))
-            waits = contact == STICK and scene.may_skip != 0
-            scene.next_skip = scene.next_sample + at.MIN_SAMPLES * scene.sample_every if waits else at.NEVER
+                scene.settle = first_counted(scene.settled_from, step, 0.5)
+            scene.next_skip = layout.NEVER
+            if contact == STICK and scene.may_skip != 0:
+                scene.next_skip = scene.next_sample + layout.MIN_SAMPLES * scene.sample_every
             until = pause(scene, now)
         if rigid:
             scene.lasting = 1.0 if closed and was != SEPARATION and not np.isnan(scene.last_p) else 0.0
@@ -442,7 +446,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
             scene.after_N, scene.after_T = 2.0 * mean_N - vN, 2.0 * mean_T - vT
             scene.last_p, scene.last_N = p, N
         if now == due:
-            speed += scene.point_B[0] * impulse_N + scene.point_B[1] * impulse_T
+            speed += scene.output[0] * impulse_N + scene.output[1] * impulse_T
             power += (power_N + scene.damped_by[0] * impulse_N) * impulse_N
             power += (power_T + scene.damped_by[1] * impulse_N + scene.damped_by[2] * impulse_T) * impulse_T
             if scene.next_sample == now:

@@ -12,15 +12,12 @@ further than without impulses. Coordinates are deviations from the equilibrium u
 
 from __future__ import annotations
 
-from contextlib import suppress
-
 import numpy as np
 
 from fivcore.contact.reduced import default_cutoff, modified, reduced_model
-from fivcore.errors import ContactError
 from fivcore.jit import Array
 from fivcore.rig import Structural
-from fivcore.transient.fast.solver import Solver, frozen_solver
+from fivcore.transient.fast.solver import Solver, solver_of
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 
@@ -35,18 +32,18 @@ def finer_cutoff(rig: Structural) -> float:
 
 
 def finer_solver(scene: Normalised, step: float, options: Options) -> Solver | None:
-    """Build the finer solver; None where damping, a rigid contact or uniqueness of force or slip rule it out."""
+    """The finer solver; None where damping, a rigid contact or uniqueness of force or slip rule it out."""
     # With more material damping, s, nothing grows above the cut-off.
     if scene.rig.d2 > 1e-7:
         return None
     model = reduced_model(scene.rig, scene.theta, finer_cutoff(scene.rig))
     # With every mode kept there is no u that `prolong` could find.
-    fall = -scene.mu * scene.friction.slope(0.0)
-    unique = not fall or fall < model.steepest_fall(step / FINER, scene.mu)
-    if model.K.any() and unique and step / FINER <= modified(model, options.modify).largest_step:
-        with suppress(ContactError):
-            return frozen_solver(modified(model, options.modify), scene.mu, step / FINER, scene.friction)
-    return None
+    if not model.K.any():
+        return None
+    model, step, fall = modified(model, options.modify), step / FINER, -scene.mu * scene.friction.slope(0.0)
+    if step > model.largest_step or scene.mu >= model.painleve_mu(step):
+        return None
+    return solver_of(model, step) if not fall or fall < model.steepest_fall(step, scene.mu) else None
 
 
 def prolong(few: Solver, many: Solver, q: Array, v: Array, u: Array) -> tuple[Array, Array, Array]:
@@ -55,21 +52,21 @@ def prolong(few: Solver, many: Solver, q: Array, v: Array, u: Array) -> tuple[Ar
     The added modes and the new u follow the contact force statically.
     """
     model, common = many.model, few.model.kept[many.model.kept]
-    force = few.impulse.stiffness @ u
+    force = few.contact.stiffness @ u
     displaced, moving = many.between_impulses(force), np.zeros(len(common))
     displaced[common] += q - few.between_impulses(force)
     push = model.normal * (force[0] - 1.0) + model.tangential * force[1]
     displaced[~common] += push[~common] / model.stiffness[~common]
     moving[common] = v
-    return displaced, moving, np.asarray(np.linalg.solve(many.impulse.stiffness, force))
+    return displaced, moving, many.contact.flexibility @ force
 
 
 def restrict(many: Solver, few: Solver, q: Array, v: Array, u: Array, touches: bool) -> tuple[Array, Array, Array]:
     """Transfer them to the model with fewer modes; u takes over the gap of the lost modes."""
     model, common = many.model, few.model.kept[many.model.kept]
-    force = many.impulse.stiffness @ u if touches else np.zeros(2)
+    force = many.contact.stiffness @ u if touches else np.zeros(2)
     still = q - many.between_impulses(force)
-    lost = model.shapes[:, ~common] @ (still + model.rest)[~common]
+    lost = model.shapes[:, ~common] @ (still + model.static_equilibrium)[~common]
     # Each u includes the compliance defect of its own step (`fivcore.contact.impulse`).
-    defect = (few.impulse.defect - many.impulse.defect) @ force
+    defect = (few.contact.defect - many.contact.defect) @ force
     return still[common] + few.between_impulses(force), v[common], u + lost + defect

@@ -7,7 +7,7 @@ sliding that is proved to last (`transient.fast.steady`) is filled in.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import chain
 from typing import Any
 
@@ -17,15 +17,14 @@ from numpy.typing import NDArray
 from fivcore.beams.modes import propagator
 from fivcore.contact.reduced import ReducedModel, modified, reduced_model
 from fivcore.contact.step_map import at_most, largest_stable_step, stable
-from fivcore.errors import SceneValueError
+from fivcore.errors import SceneValueError, not_unique
 from fivcore.jit import Array
 from fivcore.rig import Rig
-from fivcore.transient.fast import data as at
-from fivcore.transient.fast import onset
+from fivcore.transient.fast import layout, onset
 from fivcore.transient.fast.kernel import advance
-from fivcore.transient.fast.skip import NONE, skip_tables, workspace_for
-from fivcore.transient.fast.solver import Solver, frozen_solver, put, take
-from fivcore.transient.fast.steady import NEAR, SteadySliding, eigenvalues, growing, steady_sliding
+from fivcore.transient.fast.skip import NONE, SkipTables, skip_tables, workspace_for
+from fivcore.transient.fast.solver import Solver, put, solver_of, take
+from fivcore.transient.fast.steady import NEAR, SteadySliding, sliding_growth, steady_sliding
 from fivcore.transient.normalised import Normalised, State, displacement, residual_gaps, slip_distance
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import (
@@ -38,6 +37,7 @@ from fivcore.transient.statistics import (
     STICK,
     Segment,
     count_in,
+    first_counted,
     room_for_sticks,
 )
 from fivcore.transient.stepped import duplicate
@@ -56,46 +56,29 @@ RAMP, BEFORE_SLIP, CLOSED, OPENED, MOTION = range(5)
 
 
 class FastRun:
-    """One run in progress; `begun` is its start, s, if it continues another run."""
+    """One run in progress; `begun` is its start, s, if it continues another run.
+
+    What changes on the way: the motion in `record`, `blocks` and `tangent`; `_shift`, the modes' equilibrium in an
+    accelerating frame; the model in use, `_solver`; the phase and its end, `_phase` and `_ends`; the segment's,
+    `_until`, `_length` and `_fine_energy`; where the run pauses and ends, `pause` and `steps`; and whether it may
+    end early, `may_settle`. A copy (`stepped.duplicate`) goes on alike.
+    """
 
     begun = 0.0
 
     def __init__(self, scene: Normalised, options: Options) -> None:
         self.scene, self.options = scene, options
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
-        self.step = default_step(model, scene, options.duration) if options.step is None else options.step
-        limit, what = model.largest_step, "the contact"
-        if model.default_step < self.step <= limit and not stable(model, scene.mu, self.step):
-            limit, what = largest_stable_step(model, scene.mu, self.step), f"slip with mu = {scene.mu:g}"
-        if self.step > limit:
-            raise SceneValueError(
-                f"step = {self.step:g}: with these modes it must be at most {at_most(limit, 3)} s;"
-                f" beyond, {what} is unstable"
-            )
-        check_falling(model, scene, self.step)
-        least = least_step(model, options.duration)
-        if self.step < least:
-            what, damping = f"step = {self.step:g}: it must be at least {least:g} s", float(model.damping.max())
-            if options.step is None and self.step * damping > 1.0:
-                what = f"d1 = {scene.rig.d1:g}, d2 = {scene.rig.d2:g}: d1 + d2 omega^2 = {damping:.4g} of the"
-                what += f" fastest mode must be at most {at_most(2.0 / least, 3)} 1/s"
-            raise SceneValueError(f"{what} over this duration, or a segment has more than {MOST_ROOM:g} steps")
+        self.step = checked_step(model, scene, options)
         # The run goes no further than to step `pause`, which may move.
         self.pause = self.steps = max(round(options.duration / self.step), 1)
         # A ramp shorter than a step is none.
         starts = options.initial is None or not options.initial.running
         self._ramp = options.ramp if starts and options.ramp >= self.step else 0.0
-        finer = options.cutoff is None and options.initial is None and bool(model.K.any())
-        finer = finer and isinstance(scene.rig, Rig)
-        self.growing: Array = np.zeros(0)
-        law, speed = scene.friction, scene.speed_per_load
-        self._kinetic, self._law = scene.mu * law.ratio(speed), () if law.constant else law.law
-        if finer:
-            self.growing = growing(eigenvalues(model, self._kinetic, self.step, -scene.mu * law.slope(speed)))
-            # Growth in the finer model alone would start a vibration where this one's sliding is stable.
-            finer = len(self.growing) > 0
-        self._fine: Any = onset.finer_solver(scene, self.step, options) if finer else None
-        distance = slip_distance(scene)
+        law, distance = scene.friction, slip_distance(scene)
+        self._kinetic, self._law = scene.mu * law.ratio(scene.speed_per_load), () if law.constant else law.law
+        self._refines = options.cutoff is None and options.initial is None and bool(model.K.any())
+        self._refines = self._refines and isinstance(scene.rig, Rig)
         self._share = 1.0 - min(onset.LEAD * scene.speed_per_load / distance, 1.0) if distance > 0.0 else 0.0
         self._sample_every = max(round(model.interval / self.step), 1)
         self._row_every = options.rows(self.step)[0]
@@ -107,11 +90,10 @@ class FastRun:
         # record may cut into several.
         self._phase, self._ends, self._until = RAMP, int(self._ramp / self.step), 0
         self.segments: Iterable[Segment] = ()
-        self.record = options.record_of(scene, at.SCENE)
+        self.record = options.record_of(scene, layout.SCENE)
         # A deviation that follows the motion (`kernel.advance`).
         self.tangent: Any = ()
-        self._tables = NONE
-        self._solver = self._coarse = frozen_solver(model, scene.mu, self.step, law)
+        self._solver = self._coarse = solver_of(model, self.step)
         self.blocks = aligned(self._solver.blocks)
         self._start(options.initial)
         if not self._ends:
@@ -127,8 +109,18 @@ class FastRun:
     @property
     def models(self) -> list[tuple[float | None, ReducedModel]]:
         """The models of the run, each with the cut-off asked for."""
-        own = [(self.options.cutoff, self._coarse.model)]
-        return own + ([(onset.finer_cutoff(self.scene.rig), self._fine.model)] if self._fine else [])
+        own, fine = [(self.options.cutoff, self._coarse.model)], vars(self).get("_fine")
+        return own + ([(onset.finer_cutoff(self.scene.rig), fine.model)] if fine else [])
+
+    @cached_property
+    def growing(self) -> Array:
+        """Frequencies of growing motions about steady sliding, Hz; empty where no onset is computed."""
+        return sliding_growth(self.scene, self._coarse.model, self.step) if self._refines else np.zeros(0)
+
+    @cached_property
+    def _fine(self) -> Solver | None:
+        """Solver of the onset; None where there is none. Growth in the finer model alone starts no vibration."""
+        return onset.finer_solver(self.scene, self.step, self.options) if len(self.growing) else None
 
     @property
     def places(self) -> NDArray[np.int64]:
@@ -143,20 +135,19 @@ class FastRun:
         u: Array = np.zeros(2)
         contact = self.options.contact
         if initial is None:
-            q, v = (np.zeros(len(model.rest)) for _ in range(2))
-            if model.K.any():
-                u = np.asarray(np.linalg.solve(solver.impulse.stiffness, [1.0, 0.0]))
+            q, v = (np.zeros(len(model.normal)) for _ in range(2))
+            u = solver.contact.flexibility[0]
         else:
-            q = initial.displacement[model.kept] - model.rest
+            q = initial.displacement[model.kept] - model.static_equilibrium
             v = initial.velocity[model.kept].copy()
             if model.K.any():
                 u = residual_gaps(scene, model.kept, initial)
                 if contact != SEPARATION:
-                    u = np.asarray(np.linalg.solve(solver.impulse.stiffness, model.K @ u))
+                    u = solver.contact.flexibility @ (model.K @ u)
         # Within the ramp coordinates are deviations from the equilibrium in the accelerating frame.
         self._shift = np.zeros(len(q))
         if initial is not None and initial.running:
-            q += solver.between_impulses(solver.impulse.stiffness @ u * (contact != SEPARATION))
+            q += solver.between_impulses(solver.contact.stiffness @ u * (contact != SEPARATION))
         elif self._ramp > 0.0:
             elastic = model.stiffness > 0.0
             push = model.inertia[elastic] * scene.speed_per_load / self._ramp
@@ -193,7 +184,7 @@ class FastRun:
         """Displacements from rest and velocities of the modes, and the gaps of the others, between two steps."""
         solver, K = self._solver, self.model.K
         touches, u = bool(self.record["contact"] != SEPARATION), self._u
-        force = solver.impulse.stiffness @ u if touches else np.zeros(2)
+        force = solver.contact.stiffness @ u if touches else np.zeros(2)
         q, v = self._between(solver)
         if touches and K.any():
             # The law has u_N, and in stick u_T, in the middle of the last step.
@@ -205,7 +196,7 @@ class FastRun:
 
     def _set_settle(self, record: Any) -> None:
         settled = float(record["settled_from"][0])
-        record["settle"] = int(np.ceil(settled / self._solver.step - 0.5)) if settled < np.inf else 0
+        record["settle"] = first_counted(settled, self._solver.step, 0.5) if settled < np.inf else 0
 
     def _use(self, solver: Solver) -> None:
         """Go on with a solver; the record keeps what belongs to the run."""
@@ -214,6 +205,7 @@ class FastRun:
             self.record[name] = old[name]
         record = self.record
         self._solver, self.blocks = solver, aligned(solver.blocks)
+        record["mu"], record["kinetic"] = self.scene.mu, self._kinetic if not self._law else self.scene.mu
         record["speed"], record["ramp"] = self.scene.speed_per_load, self._ramp
         record["acceleration"] = self.scene.speed_per_load / self._ramp if self._ramp > 0.0 else 0.0
         self._set_settle(record)
@@ -221,11 +213,11 @@ class FastRun:
     def _place(self, q: Array, v: Array) -> None:
         """Put the modes where they are before an impulse."""
         model, record = self.model, self.record
-        put(self.blocks, self.places, at.Q, q)
-        put(self.blocks, self.places, at.V, v)
+        put(self.blocks, self.places, layout.Q, q)
+        put(self.blocks, self.places, layout.V, v)
         record["g_N"], record["g_T"] = model.normal @ q, model.tangential @ q
         record["v_N"], record["v_T"] = model.normal @ v, model.tangential @ v
-        for name in at.RIGID.split():
+        for name in layout.RIGID.split():
             record[name] = np.nan
         record["p_rest"] = self._solver.at_rest[0]
         record["T_rest"] = self._solver.at_rest[1] + model.tangential @ self._shift
@@ -254,34 +246,32 @@ class FastRun:
 
     def advance(self) -> None:
         """Go on to the end of the next segment and leave in `segments` what happened there."""
-        self._plan()
-        scene = self.record[0]
+        tables, scene = self._plan(), self.record[0]
         begun, last, every = int(scene["now"]), int(scene["last"]), int(scene["sample_every"])
         samples = np.empty((count_in(begun, last, every), SAMPLE))
         rows = np.empty((count_in(begun, last, int(scene["row_every"])), 6))
         sticks, modes = np.empty((int(scene["stick_room"]), 2)), self.blocks.ravel()
-        work = workspace_for(self._tables)
-        advance(self.record, modes, samples, rows, sticks, self._tables, work, self._law, self.tangent)
+        advance(self.record, modes, samples, rows, sticks, tables, workspace_for(tables), self._law, self.tangent)
         first, count = -(-begun // every), int(scene["samples"])
         t = np.asarray((np.arange(first, first + count) * every + 0.5) * self._solver.step)
         segment = Segment(t, samples[:count], sticks[: int(scene["sticks"])], rows[: int(scene["rows"])])
         self.segments = [segment]
         self._conclude(segment)
 
-    def _plan(self) -> None:
-        """Decide where the next segment ends and what ends it before."""
+    def _plan(self) -> SkipTables:
+        """Decide where the next segment ends and what ends it before; return tables of its skips."""
         record, solver, finer = self.record, self._solver, self._finer
         every, rows = self._sample_every * finer, self._row_every * finer
-        now, self._tables = int(record["now"][0]), NONE
+        now, tables = int(record["now"][0]), NONE
         # No skip crosses a multiple of this; segments end there, so that recording changes nothing.
-        grid = at.MAX_SKIP * every
+        grid = layout.MAX_SKIP * every
         if now >= self._until:
             self._until = self._segment_end(now, grid)
             # In the first segments a start that is no rest may decay within less than a sample.
             decay = float(self._coarse.model.damping.max()) * self._coarse.model.interval
             self._fine_energy = self.time < self._short and decay > FAST_DECAY
         if self._phase in (BEFORE_SLIP, MOTION) and self.options.skip and now * self.step >= self._ramp:
-            self._tables = skip_tables(solver.model, solver.step, every)
+            tables = skip_tables(solver.model, solver.step, every)
         last = self._until
         if rows:
             piece = grid * max(MOST_ROWS * rows // grid, 1)
@@ -292,17 +282,18 @@ class FastRun:
         record["sample_every"], record["next_sample"] = every, -(-now // every) * every
         energy = 1 if self._fine_energy else every
         record["energy_every"], record["next_energy"] = energy, -(-now // energy) * energy
-        record["row_every"], record["next_row"] = rows, -(-now // rows) * rows if rows else at.NEVER
-        record["may_skip"] = self._tables is not NONE
-        if self._tables is NONE:
-            record["next_skip"] = at.NEVER
+        record["row_every"], record["next_row"] = rows, -(-now // rows) * rows if rows else layout.NEVER
+        record["may_skip"] = tables is not NONE
+        if tables is NONE:
+            record["next_skip"] = layout.NEVER
         elif record["contact"] == STICK:
             # At the next sample at the earliest.
             due = int(record["next_skip"][0])
-            record["next_skip"] = max(due if due < at.NEVER else 0, int(record["next_sample"][0]))
+            record["next_skip"] = max(due if due < layout.NEVER else 0, int(record["next_sample"][0]))
         record["stopped"] = record["samples"] = record["rows"] = record["sticks"] = 0
         step = solver.step
         record["stick_room"] = room_for_sticks(now * step, last * step, float(record["least_stick"][0]), step)
+        return tables
 
     def _segment_end(self, now: int, grid: int) -> int:
         if self._phase == OPENED:
@@ -322,8 +313,8 @@ class FastRun:
             self._end_ramp()
         elif phase == BEFORE_SLIP and stopped:
             self._phase = MOTION
-            if not opened:
-                self._enter_onset()
+            if not opened and self._fine is not None:
+                self._enter_onset(self._fine)
         elif phase == CLOSED and (stopped or opened or now >= self._ends):
             coarse = -(-now // onset.FINER) + round(onset.AFTER / self.step)
             self._phase, self._ends, self._until = OPENED, coarse * onset.FINER, 0
@@ -343,7 +334,7 @@ class FastRun:
 
     def _end_ramp(self) -> None:
         """Stop the acceleration of the clamp, between the impulses of two steps."""
-        self._phase = MOTION if self._fine is None else BEFORE_SLIP
+        self._phase = BEFORE_SLIP if self._refines else MOTION
         if not self._shift.any():
             return
         model, ramp = self.model, self._ramp
@@ -353,13 +344,13 @@ class FastRun:
         self.record["work"] += self._ramp_work(before_q + self._shift)
         self.record["work"] += np.sum(push * (before_v + 0.5 * push))
         self._shift = np.zeros(len(q))
-        self._place(self._row(at.Q) + q, self._row(at.V) + v)
+        self._place(self._row(layout.Q) + q, self._row(layout.V) + v)
 
     # The onset.
 
-    def _enter_onset(self) -> None:
+    def _enter_onset(self, fine: Solver) -> None:
         """Go on with more modes and finer steps."""
-        coarse, fine, now = self._coarse, self._fine, self.now
+        coarse, now = self._coarse, self.now
         state = onset.prolong(coarse, fine, *self._between(coarse), self._u)
         self._change_to(fine, state, now * self.step)
         self.record["now"] = now * onset.FINER
@@ -375,7 +366,7 @@ class FastRun:
 
     def _between(self, solver: Solver) -> tuple[Array, Array]:
         """Displacements and velocities half a step ago, between two impulses."""
-        return _move(solver.model, self._row(at.Q), self._row(at.V), -0.5 * solver.step)
+        return _move(solver.model, self._row(layout.Q), self._row(layout.V), -0.5 * solver.step)
 
     def _change_to(self, solver: Solver, state: tuple[Array, Array, Array], t: float) -> None:
         """Go on with another model and step from modes and u at time t, between two impulses."""
@@ -393,7 +384,7 @@ class FastRun:
     def _slip_variation(self, segment: Segment) -> float:
         """By how much the slip rate varied at the end of a segment; infinite where the contact does not slide."""
         # As many whatever the segment's length: a record cuts segments into several.
-        recent = segment.samples[-at.MAX_SKIP // 4 :, 1]
+        recent = segment.samples[-layout.MAX_SKIP // 4 :, 1]
         slides = self.record["contact"][0] == SLIP and len(recent) > 1
         return float(np.ptp(recent)) if slides else np.inf
 
@@ -404,7 +395,7 @@ class FastRun:
             return None
         steady = steady_sliding(self.model, self._kinetic, self.step)
         self.may_settle = steady is not None and steady.decays
-        state = self._row(at.Q), self._row(at.V), self._u
+        state = self._row(layout.Q), self._row(layout.V), self._u
         return steady if steady is not None and steady.is_permanent(*state, speed) else None
 
     def _fill(self, steady: SteadySliding) -> Iterator[Segment]:
@@ -419,7 +410,7 @@ class FastRun:
         record["u_N"], record["u_T"] = u
         velocity, N, T, slip_rate, _ = row = steady.row(speed)
         sample = [velocity, slip_rate, N, *(float(record[name][0]) for name in SAMPLED_COUNTERS)]
-        settled = int(np.clip(np.ceil(record["settled_from"][0] / step - 0.5), first, last))
+        settled = int(np.clip(first_counted(record["settled_from"][0], step, 0.5), first, last))
         if settled > first:
             for name in SETTLED:
                 record[name] = 0.0
@@ -454,15 +445,15 @@ class FastRun:
 
     def stored_energy(self) -> float:
         """Energy of the modes about the equilibrium, the springs, the load and the ramp's push, normalised."""
-        q = self._row(at.Q) + self._shift
-        return self._energy_of(q, self._row(at.V), self._u) - self._ramp_work(q)
+        q = self._row(layout.Q) + self._shift
+        return self._energy_of(q, self._row(layout.V), self._u) - self._ramp_work(q)
 
     def _ramp_work(self, q: Array) -> float:
         """Work of the accelerating clamp on the inertia of P2 over modal displacements."""
         return float(np.sum(self.model.stiffness * self._shift * q))
 
     def _energy_of(self, q: Array, v: Array, u: Array) -> float:
-        model, K = self.model, self._solver.impulse.stiffness
+        model, K = self.model, self._solver.contact.stiffness
         return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + model.normal @ q + 0.5 * u @ K @ u)
 
     def released_energy(self) -> float:
@@ -471,14 +462,38 @@ class FastRun:
 
     def flush(self, floor: float) -> bool:
         """Set what is far below every scale to zero; False where a number is not finite."""
-        moving = self.blocks[:, at.Q : at.V + 1]
+        moving = self.blocks[:, layout.Q : layout.V + 1]
         moving[np.abs(moving) < floor] = 0.0
         return bool(np.isfinite(moving).all())
 
 
+def checked_step(model: ReducedModel, scene: Normalised, options: Options) -> float:
+    """Step of a run, s, if steps so long are stable, so short not too many, and have a unique solution."""
+    step = default_step(model, scene, options.duration) if options.step is None else options.step
+    limit, what = model.largest_step, "the contact"
+    if model.default_step < step <= limit and not stable(model, scene.mu, step):
+        limit, what = largest_stable_step(model, scene.mu, step), f"slip with mu = {scene.mu:g}"
+    if step > limit:
+        raise SceneValueError(
+            f"step = {step:g}: with these modes it must be at most {at_most(limit, 3)} s;"
+            f" beyond, {what} is unstable"
+        )
+    if scene.mu >= (most := model.painleve_mu(step)):
+        raise not_unique(scene.mu, most)
+    check_falling(model, scene, step)
+    least = least_step(model, options.duration)
+    if step < least:
+        what, damping = f"step = {step:g}: it must be at least {least:g} s", float(model.damping.max())
+        if options.step is None and step * damping > 1.0:
+            what = f"d1 = {scene.rig.d1:g}, d2 = {scene.rig.d2:g}: d1 + d2 omega^2 = {damping:.4g} of the"
+            what += f" fastest mode must be at most {at_most(2.0 / least, 3)} 1/s"
+        raise SceneValueError(f"{what} over this duration, or a segment has more than {MOST_ROOM:g} steps")
+    return step
+
+
 def least_step(model: ReducedModel, duration: float) -> float:
     """Shortest step of a run, s."""
-    return min(duration, at.MAX_SKIP * model.interval) / MOST_ROOM
+    return min(duration, layout.MAX_SKIP * model.interval) / MOST_ROOM
 
 
 def default_step(model: ReducedModel, scene: Normalised, duration: float) -> float:

@@ -22,11 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore.beams.modes import one_blas_thread
-from fivcore.contact.law import status_maps
 from fivcore.contact.reduced import ReducedModel
 from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.jit import Array, called, reordered_call
-from fivcore.transient.fast import data as at
+from fivcore.transient.fast import layout
 from fivcore.transient.fast.solver import places_of
 from fivcore.transient.statistics import STICK
 
@@ -89,32 +88,34 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     """
     if not model.K.any():
         return NONE
-    impulse = model.impulse(step)
-    stick, gaps, size = step_map(model, impulse, step), model.shapes, len(model.rest)
-    dissipation = model.dissipation(impulse)
-    separation = status_maps(impulse.stiffness, impulse.damping, impulse.delassus, 0.0, step).separation
+    contact, gaps, size = model.discrete(step), model.shapes, len(model.normal)
+    stick, dissipation, mobility = step_map(model, step), model.dissipation(contact), contact.delassus
     try:
         z, vectors, into, error = eigenvectors(stick)
-        still = np.linalg.inv(np.eye(2 * size) - stick.matrix)
+        # What a steady force makes of x, and what one that grows by as much in each step leaves behind.
+        still = np.eye(2 * size) - stick.matrix
+        steady = np.linalg.solve(still, stick.impulse)
+        behind = np.linalg.solve(still, steady)
         dashpot = np.linalg.cholesky(dissipation).T if dissipation.any() else np.zeros((2, 2))
     except np.linalg.LinAlgError:
         return NONE
     if not error < ACCURATE or not np.abs(z).max() < 1.0 or not np.abs(z).min() > LEAST:
         return NONE
-    # One of each conjugate pair, counted twice.
-    kept = z.imag >= 0.0
-    z, vectors, into = z[kept], vectors[:, kept] * np.where(z.imag[kept] > 0.0, 2.0, 1.0), into[kept]
-    count, mobility = len(z), impulse.delassus
+    # One of each conjugate pair, counted twice; empty places have no amplitude.
+    kept = np.flatnonzero(z.imag >= 0.0)
+    empty = ((0, -len(kept) % EIGHT), (0, 0))
+    into = np.pad(into[kept], empty)
+    vectors = np.pad((vectors * np.where(z.imag > 0.0, 2.0, 1.0))[:, kept], empty[::-1])
+    z = np.append(z[kept], np.full(empty[0][1], 0.5))
+    count = len(z)
     # Inputs of the contact law with the modes at rest for (p, u, 1, V), and what a unit of V adds in a step.
     inputs = np.zeros((4, 5))
     inputs[0, 0] = inputs[1, 1] = 1.0
     inputs[2:, 2], inputs[3, 3], inputs[1, 4] = -mobility[:, 0], -1.0, step
     force = stick.law @ inputs
     force[0, 2] -= 1.0
-    # What a steady force makes of x, and what one that grows by as much in each step leaves behind.
-    steady = still @ stick.impulse
     line = steady @ force
-    line[:, 3] -= still @ line[:, 4]
+    line[:, 3] -= behind @ force[:, 4]
     # Columns from here on: eigenvectors, (p, u, 1, V), growth.
     x = np.hstack([vectors, line])
     seen = stick.seen @ x
@@ -124,8 +125,8 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     N, T = force = stick.law @ seen
     net = force.copy()
     net[0, count + 2] -= 1.0
-    B = model.point_b @ (x[size:] + 0.5 * step * gaps.T @ net)
-    outputs = np.stack([N, B, T, seen[0] - separation[0] @ earlier])
+    B = model.output @ (x[size:] + 0.5 * step * gaps.T @ net)
+    outputs = np.stack([N, B, T, seen[0] - contact.slip.decay * earlier[0]])
     # Rates in the middle of the impulse, weighted so that the sum of their squares is what a step loses.
     rates = np.sqrt(step) * np.vstack([
         np.sqrt(model.damping)[:, None] * (x[size:] + 0.5 * step * gaps.T @ net),
@@ -137,20 +138,17 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     affine = np.vstack([outputs[:, count:], seen[:2, count:]]).real
     outputs = outputs[:, :count]
     sums = force[:, :count] / (1.0 - z)
-    # Empty places among the eigenvalues, and among the modes.
-    empty, places = -count % EIGHT, -(-size // EIGHT) * EIGHT
 
     def rows_of(values: Any) -> Array:
-        wide = np.pad(values, ((0, 0), (0, empty)))
-        return np.hstack([wide.real, -wide.imag])
+        return np.hstack([values.real, -values.imag])
 
     def over_modes(rows: Any) -> Array:
-        wide = np.zeros((len(rows), 2, places))
+        wide = np.zeros((len(rows), 2, -(-size // EIGHT) * EIGHT))
         wide[:, :, :size] = rows.reshape(len(rows), 2, size)
         return wide.reshape(len(rows), -1)
 
     plain, mixed = (
-        np.pad(left @ by_vectors / (1.0 - np.outer(powers, z)), (0, empty))
+        left @ by_vectors / (1.0 - np.outer(powers, z))
         for left, powers in ((by_vectors.T, z), (by_vectors.conj().T, z.conj()))
     )
     form = 0.5 * np.block([
@@ -159,18 +157,18 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     ])  # fmt: skip
     bend = np.minimum(2.0, 0.125 * np.abs(sample_every * np.log(z)) ** 2)
     moduli = np.abs(outputs[[0, 2, 3]])
-    moduli = np.pad(np.vstack([bend * moduli, moduli]), ((0, 0), (0, empty)))
-    powers = np.cumprod(np.vstack([np.ones_like(z), *[z**sample_every] * (ROUND - 1)]), axis=0)
+    powers = np.tile(z**sample_every, (ROUND, 1))
+    powers[0] = 1.0
     # Conjugate: amplitudes are real and imaginary parts, what they are multiplied with has the latter negative.
     way_in, way_back = rows_of(into.conj().T).T, rows_of(vectors).T
-    block, place = np.divmod(places_of(model)[0], at.BLOCK)
+    block, place = np.divmod(places_of(model)[0], layout.BLOCK)
     tables = SkipTables(
         outputs=rows_of(outputs),
         earlier=rows_of(earlier[:, :count]),
         sums=rows_of(np.vstack([sums, both])),
-        logarithm=rows_of(np.log(z)[None])[0],
-        moduli=moduli,
-        powers=rows_of(powers),
+        logarithm=np.append(np.log(z).real, -np.log(z).imag),
+        moduli=np.vstack([bend * moduli, moduli]),
+        powers=rows_of(np.cumprod(powers, axis=0)),
         form=form,
         affine=affine,
         losses=lost,
@@ -178,7 +176,7 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
         back=over_modes(way_back).T,
         drift=over_modes(line.T).T,
         shapes=over_modes(np.kron(np.eye(2), gaps)),
-        numbers=at.Q * at.BLOCK + block * at.BLOCK_SIZE + place,
+        numbers=layout.Q * layout.BLOCK + block * layout.BLOCK_SIZE + place,
     )
     whole: Any = (np.ascontiguousarray(table) for table in tables)
     return SkipTables(*whole)
@@ -214,16 +212,16 @@ def rotate(factors: Any, vector: Any, out: Any) -> None:
 def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any) -> None:
     """Take a scene from a sample to the last one before which stick cannot have ended, if that is farther.
 
-    The scene is a record of `data.SCENE`; `modes`, `samples` and `rows` are those of
+    The scene is a record of `layout.SCENE`; `modes`, `samples` and `rows` are those of
     `transient.fast.kernel.advance`, `tables` are `SkipTables`, and `work` is a workspace of `workspace_for`.
     """
     every, now = scene.sample_every, scene.now
     # No skip crosses a multiple of this, where segments begin and end: the motion is independent of them.
-    most = at.MAX_SKIP * every
+    most = layout.MAX_SKIP * every
     last = min((now // most + 1) * most, scene.last)
     if scene.settle > now:
         last = min(last, scene.settle)
-    scene.next_skip = now + 2 * at.MIN_SAMPLES * every
+    scene.next_skip = now + 2 * layout.MIN_SAMPLES * every
     if now + every > last:
         return
     outputs, moduli, powers, affine = tables.outputs, tables.moduli, tables.powers, tables.affine
@@ -243,7 +241,7 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
     for j in range(len(tables.numbers)):
         k = tables.numbers[j]
         x[j] = modes[k] - x[j]
-        x[half + j] = modes[k + (at.V - at.Q) * at.BLOCK] - x[half + j]
+        x[half + j] = modes[k + (layout.V - layout.Q) * layout.BLOCK] - x[half + j]
     multiply(tables.into, x, initial)
     rotate(powers[0], initial, y)
     goal, far, largest, total = now, ROUND - 1, 0.0, 0.0
@@ -314,7 +312,7 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
     multiply(tables.back, y, x, 1.0)
     for j in range(len(tables.numbers)):
         k = tables.numbers[j]
-        modes[k], modes[k + (at.V - at.Q) * at.BLOCK] = x[j], x[half + j]
+        modes[k], modes[k + (layout.V - layout.Q) * layout.BLOCK] = x[j], x[half + j]
     multiply(tables.shapes, x, result)
     scene.g_N, scene.g_T, scene.v_N, scene.v_T = result[0], result[1], result[2], result[3]
     # Rows of the record.
@@ -337,4 +335,4 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
     scene.now = scene.next_sample = scene.next_energy = scene.next_skip = goal
     # Go on at once where a segment may end, so that it changes nothing whether it does.
     if goal % most != 0:
-        scene.next_skip += at.MIN_SAMPLES * every
+        scene.next_skip += layout.MIN_SAMPLES * every

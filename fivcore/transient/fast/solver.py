@@ -1,4 +1,4 @@
-"""Coefficients of a model, a friction and a step for `method="fast"`, made once and shared by scenes."""
+"""Coefficients of a model and a step for `method="fast"`, made once and shared by scenes of any friction."""
 
 from __future__ import annotations
 
@@ -9,73 +9,61 @@ from numpy.typing import NDArray
 
 from fivcore.beams.modes import one_blas_thread, propagator
 from fivcore.contact.impulse import between_impulses
-from fivcore.contact.law import slide, status_maps
 from fivcore.contact.reduced import ReducedModel
-from fivcore.errors import not_unique
-from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array
-from fivcore.transient.fast import data as at
+from fivcore.transient.fast import layout
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 
 
 class Solver:
     """A model with everything that its steps need.
 
-    `impulse` is how impulses see the model, `dissipation` (2, 2) what the dashpot loses from the mean rates of the
-    gaps over a step, `at_rest` penetration and tangential gap at rest, and `places` (n,) those of the modes in
-    rows of blocks. `blocks` (any, BLOCK_ROWS, BLOCK) are the modes of a scene at rest, `record` (1,) is a scene
-    with the numbers that are known here.
+    `contact` is the contact in a step, `at_rest` penetration and tangential gap at rest, m per N of load, and
+    `places` (n,) those of the modes in rows of blocks. `blocks` (any, BLOCK_ROWS, BLOCK) are the modes of a scene
+    at rest, `record` (1,) is a scene with the numbers that are known here.
     """
 
     # Idle BLAS threads wait for more work, at the cost of whoever else computes on this machine.
     @one_blas_thread()
-    def __init__(self, model: ReducedModel, mu: float, step: float, friction: Friction = COULOMB) -> None:
+    def __init__(self, model: ReducedModel, step: float) -> None:
         self.model, self.step = model, step
-        kinetic = mu * friction.kinetic_ratio if friction.constant else mu
-        limit = model.painleve_mu(step)
-        if mu >= limit:
-            raise not_unique(mu, limit)
         gaps, lower = model.shapes, np.tril_indices(2)
-        self.impulse = impulse = model.impulse(step)
-        self.maps = maps = status_maps(impulse.stiffness, impulse.damping, impulse.delassus, kinetic, step)
-        element, self.dissipation = bool(model.K.any()), model.dissipation(impulse)
-        # Of the unit load impulses see what they see of a contact force.
-        gap_N, gap_T = (float(gap @ model.rest) for gap in gaps)
-        self.at_rest = float(impulse.defect[0, 0]) - (gap_N + model.gap), gap_T - float(impulse.defect[1, 0])
+        self.contact = contact = model.discrete(step)
+        # The unit load is applied in impulses too, so the gap at rest has the same defect.
+        gap_N, gap_T = (float(gap @ model.static_equilibrium) for gap in gaps)
+        self.at_rest = float(contact.defect[0, 0]) - (gap_N + model.load_gap), gap_T - float(contact.defect[1, 0])
         self.places, both, size = places_of(model)
-        self.blocks = np.zeros((-(-size // at.BLOCK), at.BLOCK_ROWS, at.BLOCK))
-        rows = (at.A, at.B, at.C, at.D, at.NORMAL, at.TANGENTIAL, at.POINT_B, at.DAMPING)
+        self.blocks = np.zeros((-(-size // layout.BLOCK), layout.BLOCK_ROWS, layout.BLOCK))
+        rows = (*range(layout.Q), layout.OUTPUT, layout.DAMPING)
         flow = propagator(model.stiffness, model.damping, step)
-        for row, values in zip(rows, (*flow, *gaps, model.point_b, model.damping), strict=True):
+        for row, values in zip(rows, (*flow, *gaps, model.output, model.damping), strict=True):
             put(self.blocks, self.places, row, values)
-        self.record = record = np.zeros(1, at.SCENE)
-        closure = (*maps.closure.flat, maps.closure_offset)
-        stick, entering = ((*law.flat, maps.mean_offset) for law in (maps.stick, maps.entering))
-        for status, law in {SEPARATION: closure, STICK: stick, SLIP: entering}.items():
-            record["stick_law"][0, status] = law
+        self.record = record = np.zeros(1, layout.SCENE)
+        # By the status before; where the surfaces meet, half a step remains.
+        rigid, late = not model.K.any(), contact.mean_time
+        half = 0.0 if rigid else 0.5 * step
+        for status, begin, time in ((SEPARATION, half, half), (STICK, 0.0, late), (SLIP, late, late)):
+            record["stick_law"][0, status] = (*contact.stick(begin).flat, time)
         # What an impulse gives the gaps and their rates over a step.
         for name, row in (("after_q", flow[1]), ("after_v", flow[3])):
             record[name] = ((gaps * row) @ gaps.T)[lower]
+        # In slip u_T has a rate of its own, which varies over the step.
+        varied = contact.tau * contact.stiffness[1, 1] * contact.square_ratio
         for name, values in (
-            ("slip_law", maps.slip.reshape(2, 6)),
-            ("relax", maps.separation.ravel()),
-            ("M", impulse.delassus[lower]),
-            ("K", impulse.stiffness[lower]),
-            # In slip u_T has a rate of its own, which varies over the step.
-            ("C", np.append(self.dissipation[lower], impulse.damping[1, 1] * maps.square_ratio)),
-            ("point_B", 0.5 * np.array([model.point_b @ gap for gap in gaps])),
+            ("slip", contact.slip),
+            ("M", contact.delassus[lower]),
+            ("K", contact.stiffness[lower]),
+            ("C", np.append(model.dissipation(contact)[lower], varied)),
+            ("output", 0.5 * gaps @ model.output),
             ("damped_by", np.array([0.25, 0.5, 0.25]) * ((gaps * model.damping) @ gaps.T)[lower]),
-            ("slide", slide(impulse.stiffness, impulse.damping, impulse.delassus, step)),
-            ("mu", mu),
-            ("kinetic", kinetic),
             ("step", step),
-            ("rigid", not element),
+            ("rigid", rigid),
         ):
             record[name] = values
         record["modes"], record["blocks"] = size, len(self.blocks)
-        record["both"] = first = min(both, at.BLOCK)
-        record["others"] = min(size, at.BLOCK) - first
-        record["next_skip"] = at.NEVER
+        record["both"] = first = min(both, layout.BLOCK)
+        record["others"] = min(size, layout.BLOCK) - first
+        record["next_skip"] = layout.NEVER
 
     def between_impulses(self, force: Array) -> Array:
         """How much further a steady contact force in impulses deflects the modes, midway between two of them."""
@@ -105,5 +93,5 @@ def take(blocks: Array, places: NDArray[np.int64], row: int) -> Array:
     return blocks[:, row].ravel()[places]
 
 
-# Built once, whatever V and F.
-frozen_solver = lru_cache(maxsize=64)(Solver)
+# Made once, whatever mu, V and F.
+solver_of = lru_cache(maxsize=64)(Solver)

@@ -15,10 +15,10 @@ from functools import lru_cache
 import numpy as np
 
 from fivcore.beams.modes import one_blas_thread
-from fivcore.contact.law import status_maps
 from fivcore.contact.reduced import ReducedModel
 from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.jit import Array, Complex
+from fivcore.transient.normalised import Normalised
 from fivcore.transient.statistics import SLIP
 
 # A run ends where N, in units of F, and speeds, in units of V, stay so close to steady sliding: nine decades below
@@ -41,13 +41,12 @@ class SteadySliding:
 
     @one_blas_thread()
     def __init__(self, model: ReducedModel, mu: float, step: float) -> None:
-        impulse, n, b = model.impulse(step), model.normal, model.point_b
-        M, slip = impulse.delassus, step_map(model, impulse, step, mu)
-        maps = status_maps(impulse.stiffness, impulse.damping, M, mu, step)
+        contact, n, b = model.discrete(step), model.normal, model.output
+        M, slip = contact.delassus, step_map(model, step, mu)
         # Two more columns: the unit load, whose share of the impulse comes first, and a unit of V.
-        load = [impulse.defect[0, 0] - (n @ model.rest + model.gap), 0.0, -M[0, 0], -M[1, 0]]
+        load = [contact.defect[0, 0] - (n @ model.static_equilibrium + model.load_gap), 0.0, -M[0, 0], -M[1, 0]]
         p, u_T, _, rate_T = seen = np.column_stack([slip.seen, load, [0.0, 0.0, 0.0, -1.0]])
-        (N, T, following), (stick_N, stick_T) = slip.law @ seen, maps.entering @ seen
+        (N, T, following), (stick_N, stick_T) = slip.law @ seen, contact.stick(contact.mean_time) @ seen
         net = N - np.eye(len(N))[-2]
         velocity = 0.5 * step * (b @ n * net + b @ model.tangential * T)
         velocity[len(n) : -3] += b
@@ -61,7 +60,7 @@ class SteadySliding:
         self.eigenvalues: Complex = np.asarray(np.log(z + np.finfo(float).tiny) / step, dtype=complex)
         decay = max(1.0 - float(np.abs(z).max()), LEAST_DECAY)
         self.decays, self._share = decay > max(LEAST_DECAY, 2.0 * error), error / decay
-        self._left = float(maps.separation[0, 0])
+        self._left = contact.slip.decay
 
     def readings(self, speed: float) -> Array:
         """Return the readings in steady sliding at V = `speed`."""
@@ -106,8 +105,14 @@ def growing(eigenvalues: Complex) -> Array:
 @one_blas_thread()
 def eigenvalues(model: ReducedModel, mu: float, step: float, fall: float = 0.0) -> Complex:
     """Eigenvalues of steady sliding with coefficient `mu`, 1/s; friction falls with speed by `fall`, N s/m."""
-    z = np.linalg.eigvals(step_map(model, model.impulse(step), step, mu, fall).matrix)
+    z = np.linalg.eigvals(step_map(model, step, mu, fall).matrix)
     return np.asarray(np.log(z + np.finfo(float).tiny) / step, dtype=complex)
+
+
+def sliding_growth(scene: Normalised, model: ReducedModel, step: float) -> Array:
+    """Frequencies of motions that grow about the steady sliding of a scene, Hz, ascending."""
+    law, speed = scene.friction, scene.speed_per_load
+    return growing(eigenvalues(model, scene.mu * law.ratio(speed), step, -scene.mu * law.slope(speed)))
 
 
 @lru_cache(maxsize=64)

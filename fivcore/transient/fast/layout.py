@@ -9,7 +9,7 @@ from fivcore.transient.statistics import FIELDS
 # Rows of a block of modes: flow over a step (q' = A q + B v, v' = C q + D v), gap shapes, displacement and
 # velocity, shape at B, damping.
 BLOCK = 48
-(A, B, C, D, NORMAL, TANGENTIAL, Q, V, POINT_B, DAMPING) = range(10)
+(A, B, C, D, NORMAL, TANGENTIAL, Q, V, OUTPUT, DAMPING) = range(10)
 BLOCK_ROWS = 10
 BLOCK_SIZE = BLOCK * BLOCK_ROWS
 # A step that does not come.
@@ -19,14 +19,11 @@ NEVER = 1 << 60
 MIN_SAMPLES, MAX_SKIP = 48, 1024
 
 _ARRAYS = {
-    # N and T of stick from (p, u_T, v_N, v_T), and how long before the middle of a step slip begins; after
-    # separation, stick and slip (`fivcore.contact.law.StatusMaps`).
+    # N and T of stick from (p, u_T, v_N, v_T), and how long before the middle of a step slip begins, s; after
+    # separation, stick and slip (`fivcore.contact.law.DiscreteContact.stick`).
     "stick_law": (3, 9),
-    # N and u_T of slip from (p, u_T, v_N), with T = mu N and T = -mu N; u after a step of separation.
-    "slip_law": (2, 6),
-    "relax": (4,),
-    # Slip where friction depends on its speed (`fivcore.contact.law.Slide`).
-    "slide": (10,),
+    # `fivcore.contact.law.SlipMap`.
+    "slip": (10,),
     # What a force adds to the mean rates of the gaps; spring; dashpot, with C_TT in slip last: NN, NT, TT.
     "M": (3,),
     "K": (3,),
@@ -35,7 +32,7 @@ _ARRAYS = {
     "after_q": (3,),
     "after_v": (3,),
     # Velocity of B for half an impulse; power that the modes lose with the rates of half an impulse: NN, NT, TT.
-    "point_B": (2,),
+    "output": (2,),
     "damped_by": (3,),
 }
 _NUMBERS = [
