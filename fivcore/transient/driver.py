@@ -17,7 +17,7 @@ from fivcore.errors import DivergenceError, SceneError
 from fivcore.friction import COULOMB
 from fivcore.jit import Array
 from fivcore.rig import Rig, Scene, html_table
-from fivcore.transient.exact_run import exact_run
+from fivcore.transient.exact import ExactRun
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.normalised import Normalised, State, energies
 from fivcore.transient.observe import BAND, Observer, Record
@@ -26,7 +26,7 @@ from fivcore.transient.published import PaperRun
 from fivcore.transient.summary import summarise
 from fivcore.transient.until import Watch
 
-METHODS: dict[str, Any] = {"fast": FastRun, "exact": exact_run, "paper": PaperRun}
+METHODS: dict[str, Any] = {"fast": FastRun, "exact": ExactRun, "paper": PaperRun}
 
 
 @dataclass(frozen=True, eq=False)

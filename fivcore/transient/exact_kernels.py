@@ -1,12 +1,12 @@
-"""Compiled kernels of `method="exact"`: event search, work and dissipation by quadrature, sampling.
+"""Compiled kernels of `method="exact"`: the rates of the model, steps of order 8, and the location of events.
 
-Within a contact status every output, at the time s since it was entered, is
+The state z is (q, v, u_N, u_T), q and u as deviations from rest, followed by what the run has exchanged since:
+work of the drive, and losses by damping, friction and the contact's dashpot. The `system` is constant in a run:
 
-    f(s) = Re sum_k a_k w_k(s),     w = (exp(lambda_1 s), ..., exp(lambda_m s), S, P, A, 1, q_r, v_r).
+    stiffness, damping (n,); normal and tangential shapes (2, n); inertia, output (n,); K, C and the inverse of C,
+    in rigid contact zero, zero and W; mu and the law of friction (`fivcore.friction.Friction.law`).
 
-Its last six entries, d, are the prescribed motion: displacement S and velocity P = S' of P2's clamp with constant
-S'' = A, and P1's rigid mode in free flight, v_r' = pull - drag v_r, which only separation needs. Kernels take d at
-s = 0, pull and drag as `start` (8,).
+The drive (3,) is a time, the speed of P2's clamp there, and its acceleration from then on.
 """
 
 from __future__ import annotations
@@ -14,130 +14,265 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.integrate import DOP853
 
-from fivcore.jit import inlined, kernel
-from fivcore.transient.statistics import FIELDS, SLIP, clear, count_step, enter
+from fivcore.friction import friction_ratio
+from fivcore.jit import inlined, kernel, reordered_call
+from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter
 
 # Statistics of a scene, its contact state, the present step, intervals and numbers of samples and rows.
 _WHOLE = ("contact", "now", "sample_every", "row_every", "samples", "rows")
 SCENE = np.dtype([*FIELDS, *((name, "i8") for name in _WHOLE)])
-# Slots of `start`; the first six are those of d.
-S, P, A, ONE, Q_R, V_R, PULL, DRAG = range(8)
-# Outputs that precede the n modal velocities, each times the root of its mode's damping: rates of u, the
-# dashpot's forces, modal force of a unit acceleration times velocity, and the five numbers of a row.
-RATE_N, RATE_T, VISCOUS_N, VISCOUS_T, INERTIAL, V_B, N_, T_, SPEED, SIGNALS = range(10)
-# A zero is located when the next step towards it is shorter than this; longest step of the search, s.
-LOCATED, AHEAD = 1e-14, 1e-4
-# Over 2.5 / omega of the fastest oscillation the quadrature's relative error is 3e-12.
-POINTS, WEIGHTS = np.polynomial.legendre.leggauss(8)
-
-
-@kernel
-def waves_at(eigenvalues: Any, start: Any, s: float, out: Any) -> None:
-    """Write w at s into `out` (m + 6,)."""
-    m, drag, rate, pull = len(eigenvalues), start[DRAG], start[V_R], start[PULL]
-    for k in range(m):
-        size, angle = np.exp(eigenvalues[k].real * s), eigenvalues[k].imag * s
-        out[k] = complex(size * np.cos(angle), size * np.sin(angle))
-    z = drag * s
-    if z < 1e-2:
-        series = 1.0 - z / 3.0 * (1.0 - z / 4.0 * (1.0 - z / 5.0 * (1.0 - z / 6.0)))
-        first, second = s * (1.0 - z / 2.0 * series), 0.5 * s * s * series
-    else:
-        first = -np.expm1(-z) / drag
-        second = (s - first) / drag
-    out[m + S], out[m + P] = start[S] + s * (start[P] + 0.5 * s * start[A]), start[P] + s * start[A]
-    out[m + A], out[m + ONE] = start[A], 1.0
-    out[m + Q_R] = start[Q_R] + rate * first + pull * second
-    out[m + V_R] = rate - drag * rate * first + pull * first
+# Slip with T = mu N and with T = -mu N; the other statuses have the numbers of `fivcore.transient.statistics`.
+SLIP_UP, SLIP_DOWN = 2, 3
+# Results of `follow` besides a margin's number: no event; the slip rate is not unique; no step is short enough.
+NOTHING, NOT_UNIQUE, LOST = -1, -2, -3
+# The method of order 8 of Dormand and Prince, with errors of order 5 and 3 (Hairer, Norsett and Wanner, Solving
+# Ordinary Differential Equations I, 1993, section II.10).
+STAGES, POINTS, SUMS = DOP853.A[:12, :12].copy(), DOP853.C[:12].copy(), DOP853.B.copy()
+ERROR_3, ERROR_5 = DOP853.E3.copy(), DOP853.E5.copy()
+# Relative tolerance of a step, and what counts as zero beside the size of the motion.
+TOLERANCE, ZERO = 1e-13, 1e-14
+# An event is located within this share of a step; shortest step, s.
+LOCATED, SHORTEST = 1e-13, 1e-18
 
 
 @inlined
-def _differentiate(eigenvalues: Any, start: Any, w: Any, out: Any) -> None:
-    """Write the derivative of w, or of one of its derivatives, into `out`."""
-    m = len(eigenvalues)
-    for k in range(m):
-        out[k] = eigenvalues[k] * w[k]
-    out[m + S], out[m + P], out[m + A], out[m + ONE], out[m + Q_R] = w[m + P], w[m + A], 0.0, 0.0, w[m + V_R]
-    out[m + V_R] = start[PULL] * w[m + ONE] - start[DRAG] * w[m + V_R]
+def coefficient(x: float, law: Any) -> tuple[float, float]:
+    """Coefficient of friction at the slip rate x, and its derivative; continued beyond x = 0, where steps look."""
+    mu, kappa, decay_speed, rational = law
+    near = max(x, -0.25 * decay_speed)
+    ratio, slope = friction_ratio(near, kappa, decay_speed, rational)
+    return mu * (ratio + slope * (x - near)), mu * slope
 
 
 @kernel
-def search(eigenvalues: Any, factors: Any, start: Any, orders: Any, end: float) -> tuple[float, int]:
-    """Find the first zero of k functions, a in `factors` (k, m + 6), within the time `end`, s.
+def sliding(N: float, T: float, C: Any, law: Any, sense: float) -> tuple[float, float, float]:
+    """Slip rate against T, mu there, and by how much T - s mu N rises with u_T', from (N, T) at no slip rate.
 
-    Returns the time, s, and the function's index, or `end` and -1. On (s, s + h)
-
-        |f''| <= B = sum_k |a_k w_k''(s)| max(1, exp(h Re lambda_k)),
-
-    so f has no zero before f + f' x - B x^2 / 2 has one. Repeated steps to the positive root of this parabola pass
-    a near miss or converge to the first zero, from before it and with second order: no pair of zeros is missed.
-
-    An entry of `orders` (k,), 0 to 3, counts the derivatives, the value included, that vanish at s = 0. With the
-    next one g > 0 and a bound B on the one after it, f >= s^order / order! (g - B s / (order + 1)); the search
-    begins at half of the zero of this bound. Where g <= 0 the zero is at s = 0.
+    It begins at the root for the least mu, beyond which there is none; with constant friction it is the root.
     """
-    m, (count, size) = len(eigenvalues), factors.shape
-    fastest = 1.0 / AHEAD
-    for k in range(m):
-        fastest = max(fastest, eigenvalues[k].real)
-    # A step never spans more than a factor of e of growth, beyond which the bound is too loose to be of use.
-    ahead = min(end, AHEAD, 1.0 / fastest)
-    growth, bend, until = np.ones(size), np.empty(size), np.zeros(count)
-    growth[:m] = np.maximum(1.0, np.exp(eigenvalues.real * ahead))
-    magnitudes, w = np.abs(factors), np.empty((5, size), dtype=np.complex128)
-    waves_at(eigenvalues, start, 0.0, w[0])
-    for order in range(4):
-        _differentiate(eigenvalues, start, w[order], w[order + 1])
-    for i in range(count):
-        order = orders[i]
-        if order == 0:
-            continue
-        rise = (factors[i] * w[order]).real.sum()
-        bound = (magnitudes[i] * np.abs(w[order + 1]) * growth).sum()
-        if not rise > 0.0:
-            return 0.0, i
-        until[i] = min(0.5 * (order + 1) * rise / bound, ahead) if bound > 0.0 else ahead
-    s = until.min()
-    while s < end:
-        waves_at(eigenvalues, start, s, w[0])
-        _differentiate(eigenvalues, start, w[0], w[1])
-        _differentiate(eigenvalues, start, w[1], w[2])
-        for k in range(size):
-            bend[k] = growth[k] * np.sqrt(w[2, k].real ** 2 + w[2, k].imag ** 2)
-        for i in range(count):
-            if until[i] > s:
-                continue
-            f, slope, bound = 0.0, 0.0, 0.0
-            for k in range(size):
-                f += (factors[i, k] * w[0, k]).real
-                slope += (factors[i, k] * w[1, k]).real
-                bound += magnitudes[i, k] * bend[k]
-            if not f > 0.0:
-                return s, i
-            root = np.sqrt(slope * slope + 2.0 * bound * f)
-            step = 2.0 * f / (root - slope) if slope < 0.0 else (slope + root) / bound if bound > 0.0 else ahead
-            # In this form NaN ends the search.
-            if not step > max(LOCATED, 1e-15 * s):
-                return s, i
-            until[i] = s + min(step, ahead)
-        s = until.min()
-    return end, -1
+    mu, slack = law[0] * law[1], 0.0
+    x = (sense * T - mu * N) / (C[1, 1] - mu * sense * C[0, 1])
+    for _ in range(60):
+        mu, slope = coefficient(x, law)
+        force = N - sense * C[0, 1] * x
+        slack = C[1, 1] + slope * force - mu * sense * C[0, 1]
+        change = (sense * T - C[1, 1] * x - mu * force) / max(slack, 1e-6 * C[1, 1])
+        x += change
+        if abs(change) <= 1e-15 * (abs(x) + abs(T) / C[1, 1]):
+            break
+    return x, mu, slack
+
+
+@reordered_call
+def rates(
+    t: float, z: Any, which: int, system: Any, drive: Any, out: Any
+) -> tuple[float, float, float, float, float]:
+    """Write the rates of z in a contact status; return N, T, slip rate, gap, and slack as `sliding`."""
+    stiffness, damping, shapes, inertia, _, K, C, inverse, law = system
+    n, acceleration = len(stiffness), drive[2]
+    P, u_N, u_T, rigid = drive[1] + (t - drive[0]) * acceleration, z[2 * n], z[2 * n + 1], K[0, 0] == 0.0
+    g_N, v_N, v_T, free_N, free_T, moved, damped = 0.0, 0.0, -P, 0.0, 0.0, 0.0, 0.0
+    for j in range(n):
+        q, v, normal, tangential = z[j], z[n + j], shapes[0, j], shapes[1, j]
+        force = inertia[j] * acceleration - damping[j] * v - stiffness[j] * q - normal
+        out[j], out[n + j] = v, force
+        g_N, v_N, v_T = g_N + normal * q, v_N + normal * v, v_T + tangential * v
+        free_N, free_T = free_N + normal * force, free_T + tangential * force
+        moved, damped = moved + inertia[j] * v, damped + damping[j] * v * v
+    N, T, rate_N, rate_T, slack = 0.0, 0.0, 0.0, 0.0, 1.0
+    sense = 1.0 if which == SLIP_UP else -1.0
+    if which == SEPARATION:
+        if not rigid:
+            N, T = 1.0 + K[0, 0] * u_N + K[0, 1] * u_T, K[1, 0] * u_N + K[1, 1] * u_T
+            rate_N, rate_T = -inverse[0, 0] * N - inverse[0, 1] * T, -inverse[1, 0] * N - inverse[1, 1] * T
+            N, T = 0.0, 0.0
+    elif rigid:
+        if which == STICK:
+            determinant = inverse[0, 0] * inverse[1, 1] - inverse[0, 1] * inverse[1, 0]
+            free_T -= acceleration
+            N = (inverse[0, 1] * free_T - inverse[1, 1] * free_N) / determinant
+            T = (inverse[1, 0] * free_N - inverse[0, 0] * free_T) / determinant
+        else:
+            m = sense * coefficient(-sense * v_T, law)[0]
+            N = -free_N / (inverse[0, 0] + m * inverse[0, 1])
+            T = m * N
+    else:
+        rate_N, rate_T = -v_N, -v_T
+        N = 1.0 + K[0, 0] * u_N + K[0, 1] * u_T + C[0, 0] * rate_N + C[0, 1] * rate_T
+        T = K[1, 0] * u_N + K[1, 1] * u_T + C[1, 0] * rate_N + C[1, 1] * rate_T
+        if which != STICK:
+            x, mu, slack = sliding(N, T, C, law, sense)
+            rate_T -= sense * x
+            N -= sense * C[0, 1] * x
+            T = sense * mu * N
+    w = v_T + rate_T
+    for j in range(n):
+        out[n + j] += shapes[0, j] * N + shapes[1, j] * T
+    out[2 * n], out[2 * n + 1] = rate_N, rate_T
+    out[2 * n + 2], out[2 * n + 3], out[2 * n + 4] = T * P + moved * acceleration, damped, -T * w
+    out[2 * n + 5] = C[0, 0] * rate_N * rate_N + (C[0, 1] + C[1, 0]) * rate_N * rate_T + C[1, 1] * rate_T * rate_T
+    return N, T, w, g_N + u_N, slack
+
+
+@kernel
+def rates_of(z: Any, which: int, system: Any, drive: Any, out: Any) -> None:
+    """Write the rates of z at time 0."""
+    rates(0.0, z, which, system, drive, out)
 
 
 @inlined
-def _read(motion: Any, s: float, w: Any, out: Any) -> None:
-    """Write the first outputs, as many as `out` has, at s."""
-    eigenvalues, amplitudes, outputs, start = motion
-    waves_at(eigenvalues, start, s, w)
-    out[:] = 0.0
-    for k in range(len(w)):
-        wave = amplitudes[k] * w[k]
-        if wave == 0.0:
+def _least(values: Any, which: int, mu: float, zero: Any) -> tuple[float, int]:
+    """The least margin of a status, and its number; the status lasts while it is positive.
+
+    Margins are in separation the gap, in stick N, mu N - T and mu N + T, in slip N and the slip rate against T, in
+    units of the rounding of a force, a rate and a gap, `zero` (3,), and 1 more, so that rounding ends nothing.
+    """
+    N, T, w, gap, _ = values
+    if which == SEPARATION:
+        return 1.0 + gap / zero[2], 0
+    least, number = N / zero[0], 0
+    if which == STICK:
+        for k, margin in ((1, (mu * N - T) / zero[0]), (2, (mu * N + T) / zero[0])):
+            if margin < least:
+                least, number = margin, k
+    else:
+        slip = (-w if which == SLIP_UP else w) / zero[1]
+        if slip < least:
+            least, number = slip, 1
+    return 1.0 + least, number
+
+
+@reordered_call
+def _step(
+    t: float, z: Any, h: float, which: int, system: Any, drive: Any, zeros: Any, stages: Any, out: Any
+) -> float:
+    """Write the state after a step of h from z, whose rates are `stages[0]`.
+
+    Returns where in the step, as a share of it, a stage lies beyond the end of the status; 0 if nowhere.
+    """
+    place, lowest, mu = 0.0, 0.0, system[8][0]
+    for i in range(1, 12):
+        for j in range(len(z)):
+            change = 0.0
+            for k in range(i):
+                change += STAGES[i, k] * stages[k, j]
+            out[j] = z[j] + h * change
+        least = _least(rates(t + POINTS[i] * h, out, which, system, drive, stages[i]), which, mu, zeros)[0]
+        if least < lowest:
+            place, lowest = POINTS[i], least
+    for j in range(len(z)):
+        change = 0.0
+        for k in range(12):
+            change += SUMS[k] * stages[k, j]
+        out[j] = z[j] + h * change
+    return place
+
+
+@reordered_call
+def _error(h: float, z: Any, new: Any, stages: Any, zero: Any) -> float:
+    """Error of a step in units of its tolerance, from (13, m) `stages`; `zero` (m,) is the size of rounding."""
+    fifth = third = 0.0
+    for j in range(len(z)):
+        a, b = 0.0, 0.0
+        for k in range(13):
+            a, b = a + ERROR_5[k] * stages[k, j], b + ERROR_3[k] * stages[k, j]
+        size = zero[j] + TOLERANCE * max(abs(z[j]), abs(new[j]))
+        fifth, third = fifth + (a / size) ** 2, third + (b / size) ** 2
+    return h * fifth / max(np.sqrt(fifth + 0.01 * third), 1e-300)
+
+
+@reordered_call
+def _keep_closed(z: Any, normal: Any, mobility: float) -> None:
+    """Take back what rounding has opened between rigid surfaces."""
+    n, gap, rate = len(normal), 0.0, 0.0
+    for j in range(n):
+        gap, rate = gap + normal[j] * z[j], rate + normal[j] * z[n + j]
+    for j in range(n):
+        z[j] -= normal[j] * (gap / mobility)
+        z[n + j] -= normal[j] * (rate / mobility)
+
+
+@kernel
+def follow(
+    motion: Any, which: int, origin: float, end: float, heeds: bool, system: Any, drive: Any, zeros: Any,
+    step: float, scenes: Any, samples: Any, rows: Any, sticks: Any,
+) -> int:  # fmt: skip
+    """Follow a contact status, which began at the time `origin`, up to `end` or to its first event.
+
+    `motion` (2n + 9,) holds z and time, next step and index of the next reading, and is changed in place. Returns
+    the number of the margin that vanished (`_least`) or `NOTHING`, or `LOST` or `NOT_UNIQUE` with the normal force
+    in place of the next step. Unless it `heeds` events, the status lasts to the end. Statistics and series are
+    read in the middle of the steps of the run: a row of `samples` is velocity of B, slip rate, N and counters, one
+    of `rows` is time, velocity of B, N, T, slip rate and contact state.
+    """
+    m = len(motion) - 3
+    n, scene, z, mu, contact = (m - 6) // 2, scenes[0], motion[:m], system[8][0], min(which, SLIP)
+    stages, new, trial, spare = np.empty((13, m)), np.empty(m), np.empty(m), np.empty(m)
+    t, h, i, event = motion[m], motion[m + 1], int(motion[m + 2]), NOTHING
+    arrive(scene, contact, origin, sticks)
+    values = rates(t, z, which, system, drive, stages[0])
+    while True:
+        middle = (i + 0.5) * step
+        if t >= middle:
+            if wanted(scene, i, step):
+                velocity = 0.0
+                for j in range(n):
+                    velocity += system[4][j] * z[n + j]
+                write(scene, contact, i, step, (velocity, values[0], values[1], values[2]), samples, rows)
+            i += 1
             continue
-        x, y, real, imaginary = wave.real, wave.imag, outputs[0, k], outputs[1, k]
-        for j in range(len(out)):
-            out[j] += real[j] * x - imaginary[j] * y
+        if t >= end or event != NOTHING:
+            break
+        goal = min(middle, end)
+        taken = min(h, goal - t)
+        reaches = taken == goal - t
+        place = _step(t, z, taken, which, system, drive, zeros, stages, new)
+        after = rates(t + taken, new, which, system, drive, stages[12])
+        error = _error(taken, z, new, stages, zeros[3:])
+        if not error < 1.0:
+            h = taken * (max(0.2, 0.9 * error**-0.125) if error >= 1.0 else 0.2)
+            if h > max(SHORTEST, 1e-15 * t):
+                continue
+            event, h = LOST, values[0]
+            break
+        if not (values[4] > 0.0 and after[4] > 0.0):
+            event, h = NOT_UNIQUE, after[0]
+            break
+        grown = taken * min(5.0, 0.9 * max(error, 1e-6) ** -0.125)
+        h = max(grown, h) if reaches else grown
+        if heeds:
+            high, (least, number) = taken, _least(after, which, mu, zeros)
+            if least > 0.0 and place > 0.0:
+                _step(t, z, place * taken, which, system, drive, zeros, stages, trial)
+                found = rates(t + place * taken, trial, which, system, drive, spare)
+                above, k = _least(found, which, mu, zeros)
+                if not above > 0.0:
+                    high, least, number, after, new[:], stages[12] = place * taken, above, k, found, trial, spare
+            if not least > 0.0:
+                # Regula falsi (Illinois): the least margin is positive at `low`, if not at once negative.
+                low, below = 0.0, _least(values, which, mu, zeros)[0]
+                while below > 0.0 and high - low > LOCATED * taken:
+                    at = low + (high - low) * min(max(below / (below - least), 0.02), 0.98)
+                    _step(t, z, at, which, system, drive, zeros, stages, trial)
+                    found = rates(t + at, trial, which, system, drive, spare)
+                    above, k = _least(found, which, mu, zeros)
+                    if above > 0.0:
+                        low, below, least = at, above, 0.5 * least
+                    else:
+                        high, least, below, number = at, above, 0.5 * below, k
+                        after, new[:], stages[12] = found, trial, spare
+                event, reaches = number, False
+                if not below > 0.0:
+                    break
+                taken = high
+        t = goal if reaches else t + taken
+        z[:], values, stages[0] = new, after, stages[12]
+        if system[5][0, 0] == 0.0 and which != SEPARATION:
+            _keep_closed(z, system[2][0], system[7][0, 0])
+    motion[m], motion[m + 1], motion[m + 2] = t, h, i
+    return event
 
 
 @inlined
@@ -173,50 +308,3 @@ def write(scene: Any, contact: int, i: int, step: float, signals: Any, samples: 
     if scene.row_every > 0 and i % scene.row_every == 0:
         rows[scene.rows] = (t, velocity, N, T, speed, float(contact))
         scene.rows += 1
-
-
-@kernel
-def observe(
-    motion: Any, contact: int, ratio: float, origin: float, now: float, end: float, step: float, first: int,
-    last: int, scenes: Any, samples: Any, rows: Any, sticks: Any,
-) -> None:  # fmt: skip
-    """Add what a status contributes between the times `now` and `end`, s, to the record `scenes` (1,).
-
-    `motion` holds eigenvalues (m,), amplitudes (m + 6,), `Status.outputs` and `start`; the status with its contact
-    state was entered at the time `origin`, and `ratio` is T / N in slip. Statistics and series are read in the
-    middle of the steps from `first` up to `last`: a row of `samples` is velocity of B, slip rate and N; one of
-    `rows` is time, velocity of B, N, T, slip rate and contact state.
-
-    Work and dissipation are integrated by Gauss-Legendre quadrature of order 16. An interval is at most 2.5 over
-    the fastest frequency, and at most a quarter of the fastest time longer than the time since the status was
-    entered, which resolves fast decay while it lasts.
-    """
-    eigenvalues, amplitudes, outputs, start = motion
-    scene, w, out = scenes[0], np.empty_like(amplitudes), np.empty(outputs.shape[2])
-    arrive(scene, contact, origin, sticks)
-    for i in range(first, last):
-        if wanted(scene, i, step):
-            _read(motion, (i + 0.5) * step - origin, w, out[:SIGNALS])
-            # The sum for T is off by the rounding of large terms; in slip N gives it.
-            T = ratio * out[N_] if contact == SLIP else out[T_]
-            write(scene, contact, i, step, (out[V_B], out[N_], T, out[SPEED]), samples, rows)
-    fastest = oscillates = 1e-300
-    for k in range(len(eigenvalues)):
-        fastest, oscillates = max(fastest, np.abs(eigenvalues[k])), max(oscillates, np.abs(eigenvalues[k].imag))
-    finest, longest = 0.25 / fastest, 2.5 / oscillates
-    s, end = now - origin, end - origin
-    while s < end:
-        h = min(longest, s + finest, end - s)
-        for g in range(len(POINTS)):
-            at, weight = s + 0.5 * h * (1.0 + POINTS[g]), 0.5 * h * WEIGHTS[g]
-            _read(motion, at, w, out)
-            damped = 0.0
-            for j in range(SIGNALS, len(out)):
-                damped += out[j] * out[j]
-            scene.work += weight * (out[T_] * (start[P] + at * start[A]) + out[INERTIAL] * start[A])
-            scene.damped += weight * damped
-            scene.friction -= weight * out[T_] * out[SPEED]
-            scene.termination += weight * (out[RATE_N] * out[VISCOUS_N] + out[RATE_T] * out[VISCOUS_T])
-        if h == end - s:
-            break
-        s += h

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from fivcore import Friction, Scene, State, Structure, simulate, sliding_onsets
 from fivcore.friction import COULOMB
 from fivcore.stability.assembled import assembled_modes, assembled_onsets
-from fivcore.transient.exact_run import states_at
+from fivcore.transient.exact import states_at
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 from studies.parameters import Parameter

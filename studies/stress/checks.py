@@ -14,7 +14,7 @@ from fivcore import ContactError, DivergenceError, Rig, Scene, Transient, painle
 from fivcore.contact.reduced import ReducedModel, full_model, reduced_model
 from fivcore.contact.step_map import largest_stable_step, stable
 from fivcore.transient import exact, published
-from fivcore.transient.exact_run import states_at
+from fivcore.transient.exact import states_at
 from fivcore.transient.normalised import Normalised, State, slip_distance
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 from studies.motion.run import SCALED

@@ -154,7 +154,7 @@ def by_exact(system, duration, step, every=8):
         while not run.done:
             run.advance()
             rows += [segment.rows for segment in run.segments]
-            places.append(run._state_at(run._now)[: len(system.k)] + run.model.static_equilibrium)
+            places.append(run.state()[0] + run.model.static_equilibrium)
     times = np.minimum(np.arange(1, len(places) + 1) * every, run.steps) * step
     return times, np.array(places), np.concatenate(rows)
 

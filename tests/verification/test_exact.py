@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from numpy.polynomial.polynomial import polyval
 
-from fivcore import DivergenceError, Rig, Scene, simulate
+from fivcore import Rig, Scene, simulate
 from fivcore.contact.reduced import full_model, reduced_model
 from fivcore.transient import exact
-from fivcore.transient.exact import ExactRun
-from fivcore.transient.exact_kernels import waves_at
-from fivcore.transient.exact_run import states_at
+from fivcore.transient.exact import ExactRun, states_at
 from fivcore.transient.normalised import Normalised, State, slip_distance
 from fivcore.transient.options import Options
 from tests.helpers.exact_runs import counted, energy_residual, run_for
@@ -201,13 +199,12 @@ def test_any_start_keeps_its_energy_balance(contact):
     assert energy_residual(run_for(exact_run(duration=0.005, initial=initial))) < 1e-10
 
 
-def test_a_slow_mode_costs_digits_and_a_slower_one_is_refused():
-    """At d1 = 1e4 1/s the slowest mode creeps; from 2e4 on the forced solution is too far above the motion."""
-    for V, mu in ((0.143067, 0.0), (0.02, 0.2)):
-        creeping, lost = (Scene(V, 5.0, mu, 9.0, Rig(d1=d1)) for d1 in (1e4, 1e5))
-        assert simulate(creeping, 1e-3, "exact").summary["energy_residual"] < 1e-7
-        with pytest.raises(DivergenceError, match="lost in the rounding of a mode far slower"):
-            simulate(lost, 1e-3, "exact")
+@pytest.mark.parametrize(("V", "mu"), [(0.143067, 0.0), (0.02, 0.2)])
+def test_a_mode_that_creeps_costs_no_digits(V, mu):
+    """At d1 = 1e4 1/s and above, the slowest mode creeps, 1e4 times as slowly as the others vibrate."""
+    for d1 in (1e4, 1e5):
+        run = simulate(Scene(V, 5.0, mu, 9.0, Rig(d1=d1)), 1e-3, "exact")
+        assert run.summary["energy_residual"] < 1e-10
 
 
 class Landing(ExactRun):
@@ -219,7 +216,10 @@ class Landing(ExactRun):
         before = float(self.record["impact"][0])
         super()._decide(t, y, was, touchdown)
         if touchdown:
-            self.landings.append((t, closing, float(self.record["impact"][0]) - before))
+            now = self._motion[:-7].copy()
+            T_N = self._sticking_force(t, now)
+            N = self._slipping_force(*T_N, bool(T_N[1] > 0.0), 0.0)
+            self.landings.append((t, closing, float(self.record["impact"][0]) - before, N))
 
 
 def test_at_touch_down_N_jumps_by_the_dashpots_resistance_times_the_closing_speed():
@@ -231,12 +231,9 @@ def test_at_touch_down_N_jumps_by_the_dashpots_resistance_times_the_closing_spee
     assert np.flatnonzero(rigid).tolist() == [0]
     run = exact_run(scene, initial=State(1e-9 * rigid, -1e-2 * rigid, 0), kind=Landing, duration=2e-7, step=1e-8)
     run.landings = []
-    ((t, closing, lost),) = run_for(run).landings
-    C, r = run.model.C, run._status
+    ((t, closing, lost, N),) = run_for(run).landings
+    C = run.model.C
     jump = -(C[0, 0] - C[0, 1] ** 2 / C[1, 1]) * closing[0]
-    waves = np.empty_like(run._amplitudes)
-    waves_at(r.eigenvalues, run._start, 0.0, waves)
-    N = (r.margins[0] * run._amplitudes * waves).sum().real
     assert t == pytest.approx(1e-7, rel=0.01)
     assert pytest.approx(jump, rel=1e-9) == N
     assert abs(lost) < 1e-12 * closing[0] ** 2

@@ -8,7 +8,7 @@ import pytest
 
 from fivcore import Beam, Rig, Scene, simulate, simulate_many, sliding_modes
 from fivcore.beams.modes import lower_basis
-from fivcore.transient.exact_run import states_at
+from fivcore.transient.exact import states_at
 from fivcore.transient.fast import layout
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.fast.solver import take
