@@ -24,7 +24,7 @@ from fivcore.transient.observe import BAND, Observer, Record
 from fivcore.transient.options import Options
 from fivcore.transient.published import PaperRun
 from fivcore.transient.summary import summarise
-from fivcore.transient.until import Watch
+from fivcore.transient.until import StoppingRule
 
 METHODS: dict[str, Any] = {"fast": FastRun, "exact": exact_run, "paper": PaperRun}
 
@@ -87,16 +87,17 @@ class Job:
         self.run.options = replace(options, resumed=None)
         low, high = BAND
         unit = scene.rig.time_unit
-        self._observer = Observer(self.run.rate, (low / unit, high / unit))
+        count = int((self.run.steps * self.run.step - self.run.begun) * self.run.rate) + 2
+        self._observer = Observer(self.run.rate, count, (low / unit, high / unit))
         rate = options.rows(self.run.step)[1]
         before = resumed.last_row if resumed else None
         if before is not None:
             # Of the step before, if that was recorded.
             before = before[before[:, 0] > self.run.begun - 1.1 * self.run.step]
         self._series = Record(normalised, options.record, options.sample_times, rate, self.run.begun, before)
-        # Long sticks that have ended; number of the samples that were filled in.
-        self._sticks, self._further = np.empty((0, 2)), 0
-        self._watch = None if options.until is None else Watch(self.run, options.until)
+        # Long sticks that have ended.
+        self._sticks = np.empty((0, 2))
+        self._rule = None if options.until is None else StoppingRule(self.run, options.until)
         self._given = abs(self.run.stored_energy()) + sum(energies(normalised))
 
     def observe(self) -> None:
@@ -106,34 +107,21 @@ class Job:
             self._series.add(segment.rows)
             self._sticks = np.concatenate([self._sticks, segment.sticks])
             observer.add(segment.t, segment.samples, float(run.record["settled_from"][0]))
-            observer.process(*self._long_sticks())
-            if segment.further:
-                self._further = segment.further
-                observer.repeat(segment.t[-1], segment.samples[-1], segment.further)
-        if self._watch is not None:
-            self._watch.look(observer, self._further > 0)
+            if segment.repeated:
+                observer.repeat(segment.t[-1], segment.samples[-1], segment.repeated)
+        if self._rule is not None:
+            self._rule.check(observer)
         # The bound of the energy is a thousand times what has been put in.
         bound = 1e3 * (self._given + abs(float(run.record["work"][0])))
         if not run.flush(1e-150 * min(run.scene.speed_per_load, 1.0)) or not run.stored_energy() <= bound:
             now = segment.t[-1] if len(segment.t) else 0.0
             raise DivergenceError(f"the motion has blown up at t = {now:.6g} s")
 
-    def _long_sticks(self) -> tuple[Array, float]:
-        """Long sticks, including one that still lasts, and the time up to which they are known."""
-        counters = self.run.record[0]
-        if np.isnan(counters["first_slip"]):
-            return np.array([[0.0, np.inf]]), np.inf
-        begun = float(counters["stick_start"])
-        if self.run.time - begun >= counters["least_stick"]:
-            return np.vstack([self._sticks, [begun, np.inf]]), np.inf
-        return self._sticks, np.inf if np.isnan(begun) else begun
-
     def result(self) -> Transient:
         """The motion, in the scene's own units."""
-        self._observer.close(self._long_sticks()[0])
-        summary = summarise(self.run, self._observer, self._sticks, self._further)
-        if self._watch is not None:
-            summary["standard_error_reached"] = self._watch.known
+        summary = summarise(self.run, self._observer, self._sticks)
+        if self._rule is not None:
+            summary["standard_error_reached"] = self._rule.satisfied
         self.run.segments, self.run.last_row = (), self._series.last
         return Transient(
             self._scene,

@@ -444,7 +444,7 @@ class FastRun:
             yield Segment(np.zeros(0), np.empty((0, SAMPLE)), rows=written)
         if count > 0:
             t = np.array([(begin * every + 0.5) * step])
-            yield Segment(t, np.array([sample]), further=count - 1)
+            yield Segment(t, np.array([sample]), repeated=count - 1)
 
     # Energy.
 
