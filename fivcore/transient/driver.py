@@ -7,6 +7,7 @@ makes the summary at the end.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -21,12 +22,16 @@ from fivcore.transient.exact_run import exact_run
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.normalised import Normalised, State, energies
 from fivcore.transient.observe import BAND, Observer, Record
-from fivcore.transient.options import Options
+from fivcore.transient.options import Run, RunOptions
 from fivcore.transient.published import PaperRun
 from fivcore.transient.summary import summarise
 from fivcore.transient.until import StoppingRule
 
-METHODS: dict[str, Any] = {"fast": FastRun, "exact": exact_run, "paper": PaperRun}
+METHODS: dict[str, Callable[[Normalised, RunOptions], Run]] = {
+    "fast": FastRun,
+    "exact": exact_run,
+    "paper": PaperRun,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,17 +85,16 @@ def _short(value: Any) -> str:
 class Job:
     """One scene under way: its run and its observers."""
 
-    def __init__(self, scene: Scene, normalised: Normalised, options: Options) -> None:
-        self._scene, resumed = scene, options.resumed
+    def __init__(self, scene: Scene, normalised: Normalised, options: RunOptions) -> None:
+        self._scene, resumed, before = scene, options.resumed, options.last_row
         self.run = resumed.again(options) if resumed else METHODS[options.method](normalised, options)
         # The result does not keep the run that it continues, which would keep the one before.
-        self.run.options = replace(options, resumed=None)
+        self.run.options = replace(options, resumed=None, last_row=None)
         low, high = BAND
         unit = scene.rig.time_unit
         count = int((self.run.steps * self.run.step - self.run.begun) * self.run.rate) + 2
         self._observer = Observer(self.run.rate, count, (low / unit, high / unit))
         rate = options.rows(self.run.step)[1]
-        before = resumed.last_row if resumed else None
         if before is not None:
             # Of the step before, if that was recorded.
             before = before[before[:, 0] > self.run.begun - 1.1 * self.run.step]
@@ -122,13 +126,13 @@ class Job:
         summary = summarise(self.run, self._observer, self._sticks)
         if self._rule is not None:
             summary["standard_error_reached"] = self._rule.satisfied
-        self.run.segments, self.run.last_row = (), self._series.last
+        self.run.segments = ()
         return Transient(
             self._scene,
             summary,
             **self._series.whole(self.run.steps * self.run.step),
             growing=self.run.growing,
-            final_state=State.end_of(Normalised.of(self._scene), self.run),
+            final_state=State.end_of(Normalised.of(self._scene), self.run, self._series.last),
         )
 
 
@@ -140,7 +144,7 @@ def located(error: SceneError, scene: Scene) -> SceneError:
     return type(error)(f"{error}; scene {text}", scene).with_traceback(error.__traceback__)
 
 
-def drive(scene: Scene, normalised: Normalised, options: Options) -> Transient | SceneError:
+def drive(scene: Scene, normalised: Normalised, options: RunOptions) -> Transient | SceneError:
     """Take a run from start to end; return its result, or the error that it ends with."""
     try:
         job = Job(scene, normalised, options)

@@ -40,7 +40,7 @@ from fivcore.errors import ContactError, DivergenceError, SceneValueError, not_u
 from fivcore.jit import Array, Complex
 from fivcore.transient.exact_kernels import ONE, Q_R, SCENE, V_R, A, P, S, observe, search, waves_at
 from fivcore.transient.normalised import Normalised, energies, residual_gaps, slip_distance
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import SEPARATION, STICK
 from fivcore.transient.stepped import SteppedRun
 
@@ -72,7 +72,7 @@ class ExactRun(SteppedRun):
 
     READ_AT = 0.5
 
-    def __init__(self, scene: Normalised, options: Options) -> None:
+    def __init__(self, scene: Normalised, options: RunOptions) -> None:
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
         self.model, self.rigid = model, not model.K.any()
         if not (self.rigid or model.C.any()):

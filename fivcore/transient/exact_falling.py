@@ -24,7 +24,7 @@ from fivcore.jit import Array, inlined, kernel
 from fivcore.transient.exact import BOUNDARY, HELD, SLIP_UP, ExactRun, slipping_force
 from fivcore.transient.exact_kernels import arrive, wanted, write
 from fivcore.transient.normalised import Normalised
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import ENERGIES, SLIP, STICK
 
 # Relative tolerance of a step, and what counts as zero in units of the motion's size.
@@ -46,7 +46,7 @@ class FallingRun(ExactRun):
     _path: Any
     _system: Any
 
-    def __init__(self, scene: Normalised, options: Options) -> None:
+    def __init__(self, scene: Normalised, options: RunOptions) -> None:
         self._law = (scene.mu, *scene.friction.law)
         super().__init__(scene, options)
 

@@ -8,10 +8,10 @@ from fivcore.jit import Array
 from fivcore.transient.exact import DWELL, ExactRun
 from fivcore.transient.exact_falling import FallingRun
 from fivcore.transient.normalised import Normalised, State
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 
 
-def exact_run(scene: Normalised, options: Options) -> ExactRun:
+def exact_run(scene: Normalised, options: RunOptions) -> ExactRun:
     """Make the run for the scene's law of friction."""
     return (ExactRun if scene.friction.constant else FallingRun)(scene, options)
 
@@ -25,7 +25,9 @@ def states_at(
     (m, 2n + 2); displacements are deviations from those under the load alone; normalised (F = 1).
     """
     end = float(times[-1]) + DWELL
-    run = exact_run(scene, Options(end, "exact", ramp=ramp, cutoff=cutoff, initial=initial, step=end))
+    run = exact_run(
+        scene, RunOptions(duration=end, method="exact", ramp=ramp, cutoff=cutoff, initial=initial, step=end)
+    )
     states = []
     for t in times:
         while run._stop <= t:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from fivcore.contact.reduced import default_cutoff
@@ -12,10 +10,11 @@ from fivcore.rig import Rig, Structural
 from fivcore.structure import Structure
 from fivcore.transient.normalised import displacement, loading_time, reference_energy, slip_distance
 from fivcore.transient.observe import NORMAL_FORCE, SLIP_RATE, Observer, degrees_of_freedom, standard_errors
+from fivcore.transient.options import Run
 from fivcore.transient.statistics import ENERGIES, FIELDS, SETTLED
 
 
-def summarise(run: Any, observer: Observer, sticks: Array) -> dict[str, object]:
+def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
     """Return the figures of a run in the units of its scene; NaN where there is no value.
 
     `sticks` (k, 2) are the long sticks that have ended. A figure with a unit of speed or force is F times its

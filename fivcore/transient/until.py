@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from fivcore.transient.fast.data import MAX_SKIP
 from fivcore.transient.fast.steady import NEAR
 from fivcore.transient.normalised import loading_time
 from fivcore.transient.observe import LOADING_TIMES, Observer, degrees_of_freedom, errors_of_means
-from fivcore.transient.options import Until
+from fivcore.transient.options import Run, Until
 from fivcore.transient.summary import SLIP_DRIVE, STEADY_SPREAD
 
 # Each check is later than the last by this factor of the time since settling.
@@ -20,7 +18,7 @@ LATER = 1.25
 class StoppingRule:
     """Ends a run in time: `satisfied` says whether its shares were certain enough at the last check."""
 
-    def __init__(self, run: Any, until: Until) -> None:
+    def __init__(self, run: Run, until: Until) -> None:
         self._run, self._until, self.satisfied = run, until, False
         self._loading_time = loading_time(run.scene)
         self._stuck = SLIP_DRIVE * self._loading_time + (0.5 * run.options.ramp if run.begun == 0.0 else 0.0)

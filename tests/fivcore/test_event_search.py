@@ -7,7 +7,7 @@ from fivcore import ContactError, DivergenceError, Scene
 from fivcore.transient.exact import DWELL, HELD, ExactRun
 from fivcore.transient.exact_kernels import DRAG, PULL, Q_R, V_R, A, P, S, search, waves_at
 from fivcore.transient.normalised import Normalised
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import STICK
 
 NO_START, FIRST = np.eye(8)[3], np.zeros(1, dtype=np.int64)
@@ -84,7 +84,9 @@ def test_a_graze_on_the_tip_of_the_cone_is_held():
 
 def exact_run(V, theta, mu):
     """A run before its first step."""
-    return ExactRun(Normalised.of(Scene(V, theta, mu, 9.0)), Options(1.0, "exact", cutoff=75e3, settle=0.0))
+    return ExactRun(
+        Normalised.of(Scene(V, theta, mu, 9.0)), RunOptions(duration=1.0, method="exact", cutoff=75e3, settle=0.0)
+    )
 
 
 def test_a_run_without_a_unique_contact_force_or_a_finite_state_is_an_error():

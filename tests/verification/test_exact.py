@@ -13,7 +13,7 @@ from fivcore.transient.exact import ExactRun
 from fivcore.transient.exact_kernels import waves_at
 from fivcore.transient.exact_run import states_at
 from fivcore.transient.normalised import Normalised, State, slip_distance
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 from tests.helpers.exact_runs import counted, energy_residual, run_for
 from tests.helpers.rigs import workshop_rig
 
@@ -26,7 +26,7 @@ LONG, EPS = np.longdouble, np.finfo(float).eps
 def exact_run(scene=SCENE, kind=ExactRun, duration=1.0, **given):
     """A run that counts from its start."""
     usual = {"ramp": RAMP, "cutoff": CUTOFF, "settle": 0.0}
-    return kind(scene, Options(duration, "exact", **usual | given))
+    return kind(scene, RunOptions(duration=duration, method="exact", **usual | given))
 
 
 class Reference:

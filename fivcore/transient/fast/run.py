@@ -27,7 +27,7 @@ from fivcore.transient.fast.skip import NONE, skip_tables, workspace_for
 from fivcore.transient.fast.solver import Solver, frozen_solver, put, take
 from fivcore.transient.fast.steady import NEAR, SteadySliding, eigenvalues, growing, steady_sliding
 from fivcore.transient.normalised import Normalised, State, displacement, residual_gaps, slip_distance
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import (
     FIELDS,
     SAMPLE,
@@ -60,7 +60,7 @@ class FastRun:
 
     begun = 0.0
 
-    def __init__(self, scene: Normalised, options: Options) -> None:
+    def __init__(self, scene: Normalised, options: RunOptions) -> None:
         self.scene, self.options = scene, options
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
         self.step = default_step(model, scene, options.duration) if options.step is None else options.step
@@ -178,7 +178,7 @@ class FastRun:
         if contact == STICK:
             record["next_skip"] = 0
 
-    def again(self, options: Options) -> FastRun:
+    def again(self, options: RunOptions) -> FastRun:
         """Return a run that continues this one after its end."""
         run: FastRun = duplicate(self)
         run.blocks, run.options, run.begun = aligned(self.blocks), options, self.time
@@ -280,7 +280,7 @@ class FastRun:
             # In the first segments a start that is no rest may decay within less than a sample.
             decay = float(self._coarse.model.damping.max()) * self._coarse.model.interval
             self._fine_energy = self.time < self._short and decay > FAST_DECAY
-        if self._phase in (BEFORE_SLIP, MOTION) and self.options.skip and now * self.step >= self._ramp:
+        if self._phase in (BEFORE_SLIP, MOTION) and self.options.skip_sticks and now * self.step >= self._ramp:
             self._tables = skip_tables(solver.model, solver.step, every)
         last = self._until
         if rows:
