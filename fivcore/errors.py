@@ -49,14 +49,6 @@ class ThinnedWarning(UserWarning):
     """A run is so long that some of its statistics are those of parts of it."""
 
 
-def thinned(most: int, rate: float) -> str:
-    """Text of the warning."""
-    return (
-        f"statistics last longer than {most / rate:.3g} s, {most} samples: spectra, periodicity, RMS and quantiles"
-        " are those of evenly spaced parts of the run; shares of time, means and maxima are those of the whole"
-    )
-
-
 # That band, Hz.
 BAND = 10e3
 

@@ -90,15 +90,16 @@ class Job:
         self.run = resumed.again(options) if resumed else METHODS[options.method](normalised, options)
         # The result does not keep the run that it continues, which would keep the one before.
         self.run.options = replace(options, resumed=None, last_row=None)
-        low, high = BAND
-        unit = scene.rig.time_unit
-        count = int((self.run.steps * self.run.step - self.run.begun) * self.run.rate) + 2
-        self._observer = Observer(self.run.rate, count, (low / unit, high / unit))
-        rate = options.rows(self.run.step)[1]
+        (low, high), unit, begun = BAND, scene.rig.time_unit, self.run.begun
+        end, times = self.run.steps * self.run.step, options.sample_times
+        self._observer = Observer(self.run.rate, int((end - begun) * self.run.rate) + 2, (low / unit, high / unit))
+        self._rate = options.rows(self.run.step)[1]
+        if self._rate:
+            times = np.arange(*(np.ceil(t * self._rate * (1.0 - 1e-12)) for t in (begun, end))) / self._rate
         if before is not None:
             # Of the step before, if that was recorded.
-            before = before[before[:, 0] > self.run.begun - 1.1 * self.run.step]
-        self._series = Record(normalised, options.record, options.sample_times, rate, self.run.begun, before)
+            before = before[before[:, 0] > begun - 1.1 * self.run.step]
+        self._series = Record(normalised, options.record, times, before)
         # Long sticks that have ended.
         self._sticks = np.empty((0, 2))
         self._rule = None if options.until is None else StoppingRule(self.run, options.until)
@@ -130,7 +131,7 @@ class Job:
         return Transient(
             self._scene,
             summary,
-            **self._series.whole(self.run.steps * self.run.step),
+            **self._series.whole(self.run.steps * self.run.step if self._rate else np.inf),
             growing=self.run.growing,
             final_state=State.end_of(Normalised.of(self._scene), self.run, self._series.last),
         )

@@ -23,6 +23,8 @@ BOUNDS = {
     "step": (1e-12, 1.0, "s"),
     "cutoff": (1.0, 1e12, "Hz"),
     "sample_rate": (1e-3, 1e9, "Hz"),
+    # Below 0.5 every mode grows.
+    "beta2": (0.5, 1.0, "1"),
 }
 DURATION = (1e-9, 1e6, "s")
 # Default rate of series, Hz, in units of a structure's time, and default ramp, s.
@@ -171,15 +173,11 @@ class Options:
         if self.modify is not None and not callable(self.modify):
             text = f"modify = {checks.short(self.modify)}: it must be a function of a reduced model, or None"
             raise InputError(text)
-        if self.beta2 is not None:
-            # Below 0.5 every mode grows.
-            allowed = "a number from 0.5 to 1"
-            values["beta2"] = checks.number("beta2", self.beta2, allowed, lambda x: 0.5 <= x <= 1.0)
         if self.numerical_damping is not None:
+            checks.choice("numerical_damping", self.numerical_damping, ("published", "none"))
             if self.beta2 is not None:
                 both = f"beta2 = {self.beta2:g} with numerical_damping = {self.numerical_damping!r}"
                 raise InputError(f"{both}: each sets the other; leave one out")
-            checks.choice("numerical_damping", self.numerical_damping, ("published", "none"))
         values["record"] = _names(self.record)
         for name in ("end_early", "skip_sticks"):
             checks.instance(name, values[name], bool)
@@ -195,16 +193,13 @@ class Options:
     @property
     def law(self) -> dict[str, Any]:
         """Numerical damping and beta2 with their defaults."""
-        paper = self.method == "paper"
-        damping = self.numerical_damping or ("published" if paper else "none")
-        return {
-            "numerical_damping": damping,
-            "beta2": 0.5 if paper and self.numerical_damping == "none" else self.beta2,
-        }
+        damping = self.numerical_damping or ("published" if self.method == "paper" else "none")
+        undamped = (self.method, self.numerical_damping) == ("paper", "none")
+        return {"numerical_damping": damping, "beta2": 0.5 if undamped else self.beta2}
 
 
 def options_of(options: Options | None, keywords: dict[str, Any]) -> Options:
-    """The options that were given, or those of keywords; those that are None may be left out."""
+    """The options that were given, or those of keywords."""
     if options is None:
         return Options(**keywords)
     checks.instance("options", options, Options)

@@ -10,7 +10,7 @@ from warnings import warn
 import numpy as np
 
 from fivcore import checks
-from fivcore.contact.reduced import Modify, ReducedModel, full_model, modified, reduced_model
+from fivcore.contact.reduced import ReducedModel, full_model, modified, reduced_model
 from fivcore.errors import (
     BAND,
     FIXED,
@@ -189,13 +189,10 @@ def growing_frequencies(
 def painleve_mu(
     rig: Structural,
     theta: Any,
-    method: str = "fast",
+    method: str | None = None,
     *,
-    numerical_damping: str | None = None,
-    cutoff: float | None = None,
-    step: float | None = None,
-    modify: Modify | None = None,
-    beta2: float | None = None,
+    options: Options | None = None,
+    **keywords: Any,
 ) -> float:
     """Find the mu above which a method's contact force is not unique (Painleve's paradox).
 
@@ -206,8 +203,8 @@ def painleve_mu(
     rig : Rig
     theta : float
         Degrees; its sign does not matter, for both directions of slip are looked at.
-    method, numerical_damping, cutoff, step, modify, beta2
-        As in `fivcore.simulate`.
+    method, options, **keywords
+        As in `fivcore.simulate`; numerical damping, cut-off, step, `modify` and beta2 have an effect.
 
     Returns
     -------
@@ -220,15 +217,13 @@ def painleve_mu(
         Naming the argument, its value and what is allowed.
     """
     theta = checked_theta("rig", rig, theta)
-    given = Options(
-        method=method, numerical_damping=numerical_damping, cutoff=cutoff, step=step, modify=modify, beta2=beta2
-    )
-    step, law = given.step, given.law
+    given = options_of(options, keywords if method is None else keywords | {"method": method})
+    method, step, law = given.method, given.step, given.law
     rig = published.with_numerical_damping(rig, method, law["numerical_damping"])
     if method == "paper":
         step, beta2 = step or published.default_step(rig), law["beta2"] or published.BETA2
         return published.painleve_mu(full_model(rig, theta), step, beta2, published.relaxation_time(rig, step))
     if method == "exact" and step is not None:
         raise InputError(f"step = {step:g}: method 'exact' does not use it here; leave it out")
-    model = modified(reduced_model(rig, theta, given.cutoff), modify)
+    model = modified(reduced_model(rig, theta, given.cutoff), given.modify)
     return model.painleve_mu(None if method == "exact" else step or model.default_step)

@@ -92,7 +92,7 @@ def lines(observer: observe.Observer) -> tuple[Array, Array]:
     tops, _ = filters.find_peaks(level, prominence=PROMINENCE)
     tops = tops[np.argsort(-level[tops], kind="stable")][:LINES]
     tops = tops[level[tops] >= level[tops].max(initial=-np.inf) - DEPTH]
-    found = [observe.peak_of(frequency, power, (frequency[k], frequency[k])) for k in tops]
+    found = [observer.moving.peak((frequency[k], frequency[k])) for k in tops]
     return np.array(found), level[tops] - level[tops[:1]]
 
 
