@@ -325,7 +325,9 @@ class Observer:
         if not (count := len(velocity) + filled):
             return float("nan")
         mean = (velocity.sum() + filled * other) / count
-        return float(np.sqrt((np.sum((velocity - mean) ** 2) + filled * (other - mean) ** 2) / count))
+        about = velocity - mean
+        about *= about
+        return float(np.sqrt((about.sum() + filled * (other - mean) ** 2) / count))
 
     @cached_property
     def _magnitudes(self) -> dict[int, Array]:
