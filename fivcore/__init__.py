@@ -25,15 +25,16 @@ from fivcore.structure import Structure
 from fivcore.transient.driver import Transient
 from fivcore.transient.lyapunov import LyapunovExponent, lyapunov_exponent
 from fivcore.transient.normalised import State
-from fivcore.transient.options import Until
+from fivcore.transient.options import Options, Until
 from fivcore.transient.simulate import growing_frequencies, painleve_mu, simulate, simulate_many
 
 __all__ = [
     "AssembledModes", "Beam", "ContactError", "DampingWarning", "DivergenceError", "FixedContactWarning",
     "FlutterOnsets", "Friction", "InputError", "LyapunovExponent", "ManyFlutterOnsets", "OnsetCurve",
-    "OnsetCurves", "OnsetSensitivity", "OutOfBandWarning", "Rig", "Scene", "SlidingModes", "SlidingOnsets",
-    "State", "Structure", "Transient", "UnsolvedError", "UnstableWindows", "Until", "assembled_modes",
-    "assembled_onsets", "flutter_onsets", "flutter_onsets_many", "glued_frequencies", "growing_frequencies",
-    "lyapunov_exponent", "node_positions", "onset_curves", "onset_sensitivity", "painleve_mu", "simulate",
-    "simulate_many", "sliding_modes", "sliding_onsets", "tune_head_mass", "unstable_windows",
+    "OnsetCurves", "OnsetSensitivity", "Options", "OutOfBandWarning", "Rig", "Scene", "SlidingModes",
+    "SlidingOnsets", "State", "Structure", "Transient", "UnsolvedError", "UnstableWindows", "Until",
+    "assembled_modes", "assembled_onsets", "flutter_onsets", "flutter_onsets_many", "glued_frequencies",
+    "growing_frequencies", "lyapunov_exponent", "node_positions", "onset_curves", "onset_sensitivity",
+    "painleve_mu", "simulate", "simulate_many", "sliding_modes", "sliding_onsets", "tune_head_mass",
+    "unstable_windows",
 ]  # fmt: skip

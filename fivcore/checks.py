@@ -80,7 +80,8 @@ def choice(name: str, value: Any, allowed: tuple[str, ...]) -> None:
 def instance(name: str, value: Any, kind: type) -> None:
     """Raise unless `value` is a `kind`."""
     if not isinstance(value, kind):
-        raise InputError(f"{name} = {short(value)}: it must be a {kind.__name__}")
+        article = "an" if kind.__name__[0] in "AEIOUaeiou" else "a"
+        raise InputError(f"{name} = {short(value)}: it must be {article} {kind.__name__}")
 
 
 def short(value: Any) -> str:

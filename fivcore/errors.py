@@ -45,6 +45,10 @@ class DampingWarning(UserWarning):
     """No damping by mode gives the tied modes of a structure the ratios that were asked for."""
 
 
+class ThinnedWarning(UserWarning):
+    """A run is so long that some of its statistics are those of parts of it."""
+
+
 # That band, Hz.
 BAND = 10e3
 

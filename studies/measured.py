@@ -223,9 +223,7 @@ def statistics(signal: Signal, band: tuple[float, float]) -> dict[str, Any]:
 
 def quiet_spells(values: Array, rate: float, band: tuple[float, float]) -> Array:
     """Begin and end of each quiet spell, (k, 2), s; none without a main frequency."""
-    whole = observe.Correlation(rate, band)
-    whole.add(values)
-    period = 1.0 / whole.peak()
+    period = 1.0 / observe.Correlation([values], rate, band).peak()
     moving = values - ndimage.uniform_filter1d(values, max(round(rate / band[0]), 1))
     power = ndimage.uniform_filter1d(moving**2, round(PERIODS * rate * period) if period > 0.0 else 1)
     spells = np.array(series.runs_of_true(power < QUIET**2 * np.quantile(power, 0.99))).reshape(-1, 2) / rate
@@ -239,7 +237,7 @@ def lines(observer: observe.Observer) -> tuple[Array, Array]:
     tops, _ = filters.find_peaks(level, prominence=PROMINENCE)
     tops = tops[np.argsort(-level[tops], kind="stable")][:LINES]
     tops = tops[level[tops] >= level[tops].max(initial=-np.inf) - DEPTH]
-    found = [observe.peak_of(frequency, power, (frequency[k], frequency[k])) for k in tops]
+    found = [observer.moving.peak((frequency[k], frequency[k])) for k in tops]
     return np.array(found), level[tops] - level[tops[:1]]
 
 

@@ -7,6 +7,7 @@ makes the summary at the end.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -21,12 +22,16 @@ from fivcore.transient.exact import ExactRun
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.normalised import Normalised, State, energies
 from fivcore.transient.observe import BAND, Observer, Record
-from fivcore.transient.options import Options
+from fivcore.transient.options import Run, RunOptions
 from fivcore.transient.published import PaperRun
 from fivcore.transient.summary import summarise
-from fivcore.transient.until import Watch
+from fivcore.transient.until import StoppingRule
 
-METHODS: dict[str, Any] = {"fast": FastRun, "exact": ExactRun, "paper": PaperRun}
+METHODS: dict[str, Callable[[Normalised, RunOptions], Run]] = {
+    "fast": FastRun,
+    "exact": ExactRun,
+    "paper": PaperRun,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,23 +90,24 @@ def _short(value: Any) -> str:
 class Job:
     """One scene under way: its run and its observers."""
 
-    def __init__(self, scene: Scene, normalised: Normalised, options: Options) -> None:
-        self._scene, resumed = scene, options.resumed
+    def __init__(self, scene: Scene, normalised: Normalised, options: RunOptions) -> None:
+        self._scene, resumed, before = scene, options.resumed, options.last_row
         self.run = resumed.again(options) if resumed else METHODS[options.method](normalised, options)
         # The result does not keep the run that it continues, which would keep the one before.
-        self.run.options = replace(options, resumed=None)
-        low, high = BAND
-        unit = scene.rig.time_unit
-        self._observer = Observer(self.run.rate, (low / unit, high / unit))
-        rate = options.rows(self.run.step)[1]
-        before = resumed.last_row if resumed else None
+        self.run.options = replace(options, resumed=None, last_row=None)
+        (low, high), unit, begun = BAND, scene.rig.time_unit, self.run.begun
+        end, times = self.run.steps * self.run.step, options.sample_times
+        self._observer = Observer(self.run.rate, int((end - begun) * self.run.rate) + 2, (low / unit, high / unit))
+        self._rate = options.rows(self.run.step)[1]
+        if self._rate:
+            times = np.arange(*(np.ceil(t * self._rate * (1.0 - 1e-12)) for t in (begun, end))) / self._rate
         if before is not None:
             # Of the step before, if that was recorded.
-            before = before[before[:, 0] > self.run.begun - 1.1 * self.run.step]
-        self._series = Record(normalised, options.record, options.sample_times, rate, self.run.begun, before)
-        # Long sticks that have ended; number of the samples that were filled in.
-        self._sticks, self._further = np.empty((0, 2)), 0
-        self._watch = None if options.until is None else Watch(self.run, options.until)
+            before = before[before[:, 0] > begun - 1.1 * self.run.step]
+        self._series = Record(normalised, options.record, times, before)
+        # Long sticks that have ended.
+        self._sticks = np.empty((0, 2))
+        self._rule = None if options.until is None else StoppingRule(self.run, options.until)
         self._given = abs(self.run.stored_energy()) + sum(energies(normalised))
 
     def observe(self) -> None:
@@ -111,40 +117,27 @@ class Job:
             self._series.add(segment.rows)
             self._sticks = np.concatenate([self._sticks, segment.sticks])
             observer.add(segment.t, segment.samples, float(run.record["settled_from"][0]))
-            observer.process(*self._long_sticks())
-            if segment.further:
-                self._further = segment.further
-                observer.repeat(segment.t[-1], segment.samples[-1], segment.further)
-        if self._watch is not None:
-            self._watch.look(observer, self._further > 0)
+            if segment.repeated:
+                observer.repeat(segment.t[-1], segment.samples[-1], segment.repeated)
+        if self._rule is not None:
+            self._rule.check(observer)
         # The bound of the energy is a thousand times what has been put in.
         bound = 1e3 * (self._given + abs(float(run.record["work"][0])))
         if not run.flush(1e-150 * min(run.scene.speed_per_load, 1.0)) or not run.stored_energy() <= bound:
             now = segment.t[-1] if len(segment.t) else 0.0
             raise DivergenceError(f"the motion has blown up at t = {now:.6g} s")
 
-    def _long_sticks(self) -> tuple[Array, float]:
-        """Long sticks, including one that still lasts, and the time up to which they are known."""
-        counters = self.run.record[0]
-        if np.isnan(counters["first_slip"]):
-            return np.array([[0.0, np.inf]]), np.inf
-        begun = float(counters["stick_start"])
-        if self.run.time - begun >= counters["least_stick"]:
-            return np.vstack([self._sticks, [begun, np.inf]]), np.inf
-        return self._sticks, np.inf if np.isnan(begun) else begun
-
     def result(self) -> Transient:
         """The motion, in the scene's own units."""
-        self._observer.close(self._long_sticks()[0])
-        summary = summarise(self.run, self._observer, self._sticks, self._further)
-        if self._watch is not None:
-            summary["standard_error_reached"] = self._watch.known
-        self.run.segments, self.run.last_row = (), self._series.last
+        summary = summarise(self.run, self._observer, self._sticks)
+        if self._rule is not None:
+            summary["standard_error_reached"] = self._rule.satisfied
+        self.run.segments = ()
         return Transient(
             self._scene,
             summary,
-            **self._series.whole(self.run.steps * self.run.step),
-            final_state=State.end_of(Normalised.of(self._scene), self.run),
+            **self._series.whole(self.run.steps * self.run.step if self._rate else np.inf),
+            final_state=State.end_of(Normalised.of(self._scene), self.run, self._series.last),
         )
 
 
@@ -156,7 +149,7 @@ def located(error: SceneError, scene: Scene) -> SceneError:
     return type(error)(f"{error}; scene {text}", scene).with_traceback(error.__traceback__)
 
 
-def drive(scene: Scene, normalised: Normalised, options: Options) -> Transient | SceneError:
+def drive(scene: Scene, normalised: Normalised, options: RunOptions) -> Transient | SceneError:
     """Take a run from start to end; return its result, or the error that it ends with."""
     try:
         job = Job(scene, normalised, options)

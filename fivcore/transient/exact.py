@@ -36,7 +36,7 @@ from fivcore.jit import Array
 from fivcore.transient import exact_kernels as kernels
 from fivcore.transient.exact_kernels import NOTHING, SLIP_DOWN, SLIP_UP, ZERO
 from fivcore.transient.normalised import Normalised, State, residual_gaps
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import ENERGIES, SAMPLE, SEPARATION, STICK
 from fivcore.transient.stepped import SteppedRun
 
@@ -65,7 +65,7 @@ class ExactRun(SteppedRun):
     # Present status, the time at which it began, and that up to which events are not acted on, s.
     _which, _origin, _deaf = STICK, 0.0, 0.0
 
-    def __init__(self, scene: Normalised, options: Options) -> None:
+    def __init__(self, scene: Normalised, options: RunOptions) -> None:
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
         self.model, self.rigid = model, not model.K.any()
         if not (self.rigid or model.C.any()):
@@ -324,7 +324,8 @@ def states_at(
     (m, 2n + 2); displacements are deviations from those under the load alone; normalised (F = 1).
     """
     end = float(times[-1]) + DWELL
-    run = ExactRun(scene, Options(end, "exact", ramp=ramp, cutoff=cutoff, initial=initial, step=end))
+    options = RunOptions(duration=end, method="exact", ramp=ramp, cutoff=cutoff, initial=initial, step=end)
+    run = ExactRun(scene, options)
     states, nowhere = [], (np.empty((2, SAMPLE)), np.empty((2, 6)), np.empty((2, 2)))
     for t in times:
         run._go(float(t), *nowhere)

@@ -7,9 +7,8 @@ logarithms per time (G. Benettin, L. Galgani, A. Giorgilli, J.-M. Strelcyn, Mecc
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from inspect import signature
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, cast
 
 import numpy as np
 
@@ -22,10 +21,10 @@ from fivcore.transient.driver import Job, located
 from fivcore.transient.fast import layout
 from fivcore.transient.fast.run import SHORT_SEGMENT, FastRun, aligned
 from fivcore.transient.fast.solver import put, take
-from fivcore.transient.normalised import State, loading_time
+from fivcore.transient.normalised import loading_time
 from fivcore.transient.observe import degrees_of_freedom, errors_of_means
-from fivcore.transient.options import BOUNDS
-from fivcore.transient.simulate import request, simulate
+from fivcore.transient.options import DURATION, Options, options_of
+from fivcore.transient.simulate import request
 
 # Default step in units of that of `simulate`.
 SHARE = 0.25
@@ -45,15 +44,7 @@ class LyapunovExponent:
 
 
 def lyapunov_exponent(
-    scene: Scene,
-    duration: float,
-    *,
-    settle: float | None = None,
-    initial: State | tuple[Any, Any, int] | None = None,
-    numerical_damping: str | None = None,
-    ramp: float | None = None,
-    cutoff: float | None = None,
-    step: float | None = None,
+    scene: Scene, duration: float, *, options: Options | None = None, **keywords: Any
 ) -> LyapunovExponent:
     """Find the largest Lyapunov exponent of the motion that `simulate` finds by `method="fast"`.
 
@@ -68,28 +59,29 @@ def lyapunov_exponent(
 
     Parameters
     ----------
-    scene, duration, settle, initial, numerical_damping, ramp, cutoff, step
-        As in `fivcore.simulate`, except the default of `step`. The mean begins at `settle`, but not before the
-        onset's finer model ends, which has other modes (`transient.fast.onset`); the deviation needs some 10 ms to
-        turn into the direction that grows most.
+    scene, duration, options, **keywords
+        As in `fivcore.simulate`, except the default of `step`; every step is taken, and nothing is recorded. The
+        mean begins at `settle`, but not before the onset's finer model ends, which has other modes
+        (`transient.fast.onset`); the deviation needs some 10 ms to turn into the direction that grows most.
 
     Raises
     ------
     ValueError, ContactError, DivergenceError
         As `fivcore.simulate`; also for rigid contact, where a deviation of the gap never changes.
     """
-    arguments = signature(simulate).bind(**locals(), leap=False, end_early=False)
-    arguments.apply_defaults()
-    checks.between("duration", duration, *BOUNDS["duration"])
+    given = options_of(options, keywords)
+    if given.method != "fast":
+        raise InputError(f"method = {given.method!r}: a Lyapunov exponent is that of a motion by 'fast'")
+    given = replace(given, skip_sticks=False, end_early=False, record=False, sample_times=None)
+    checks.between("duration", duration, *DURATION)
     try:
-        given = arguments.arguments
-        _, normalised, options = request(given.pop("scene"), given)
-        if step is None:
-            usual = reduced_model(normalised.rig, normalised.theta, options.cutoff).default_step
+        _, normalised, checked = request(scene, duration, given)
+        if given.step is None:
+            usual = reduced_model(normalised.rig, normalised.theta, given.cutoff).default_step
             # Asked again, for a run of another step is not continued.
-            _, normalised, options = request(scene, given | {"step": SHARE * usual})
-        job = Job(scene, normalised, options)
-        run, unit = job.run, scene.rig.time_unit
+            _, normalised, checked = request(scene, duration, replace(given, step=SHARE * usual))
+        job = Job(scene, normalised, checked)
+        run, unit = cast(FastRun, job.run), scene.rig.time_unit
         if not run.model.K.any():
             raise InputError("scene: its contact is rigid; a Lyapunov exponent needs modes beyond those that move")
         model, steps, growths = None, [0], [0.0]
@@ -108,7 +100,7 @@ def lyapunov_exponent(
     except SceneError as error:
         raise located(error, scene) from None
     first = int(np.searchsorted(steps, settled))
-    times = np.diff(steps[first:]) * run.step
+    times = np.asarray(np.diff(steps[first:]) * run.step)
     degrees = degrees_of_freedom(times.sum() / unit, loading_time(run.scene) / unit)
     exponent = mean_growth(np.array(growths[first:]), times, degrees)
     return LyapunovExponent(*exponent, run.time - float(times.sum()), float(times.sum()))

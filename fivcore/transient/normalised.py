@@ -69,8 +69,8 @@ class State:
     contact: int
     running: bool = False
     time: float = field(default=0.0, init=False)
-    # The scene and the run whose end this is, which a run of the same scene continues.
-    origin: tuple[Normalised, Any] | None = field(default=None, init=False, repr=False)
+    # The scene and the run whose end this is, which a run of the same scene continues, and its last row.
+    origin: tuple[Normalised, Any, Array] | None = field(default=None, init=False, repr=False)
 
     @classmethod
     def of(cls, scene: Scene, displacement: Any, velocity: Any, contact: int | None = None) -> State:
@@ -99,7 +99,7 @@ class State:
         return cls(q, v, contact, True)
 
     @classmethod
-    def end_of(cls, scene: Normalised, run: Any) -> State:
+    def end_of(cls, scene: Normalised, run: Any, last_row: Array) -> State:
         """The state at the end of a run; without its ramp's end the drive does not run at its speed."""
         model, full = run.model, full_model(scene.rig, scene.theta)
         q, v, u = run.state()
@@ -110,7 +110,7 @@ class State:
             displacement += static_displacement(model, full, u)
         state = cls(scene.load * displacement, scene.load * velocity, int(run.record["contact"][0]))
         ended = run.time >= run.options.ramp * (1.0 - 1e-12)
-        vars(state).update(running=ended, time=run.time, origin=(scene, run))
+        vars(state).update(running=ended, time=run.time, origin=(scene, run, last_row))
         return state
 
 

@@ -1,9 +1,10 @@
-"""Options of a run, checked once and frozen."""
+"""Options of a run, checked once and frozen; and what a method's run offers to those who use it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,20 +15,28 @@ from fivcore.jit import Array
 from fivcore.rig import Rig, Scene
 from fivcore.structure import structure_of
 from fivcore.transient.normalised import Normalised, State, loading_time
-from fivcore.transient.statistics import SERIES, SETTLING, STICK, begin
+from fivcore.transient.statistics import SERIES, SETTLING, STICK, Segment, begin
 
 BOUNDS = {
-    "duration": (1e-9, 1e6, "s"),
     "settle": (0.0, 1e6, "s"),
     "min_stick": (1e-9, 1e6, "s"),
     "step": (1e-12, 1.0, "s"),
     "cutoff": (1.0, 1e12, "Hz"),
     "sample_rate": (1e-3, 1e9, "Hz"),
+    # Below 0.5 every mode grows.
+    "beta2": (0.5, 1.0, "1"),
 }
+DURATION = (1e-9, 1e6, "s")
 # Default rate of series, Hz, in units of a structure's time, and default ramp, s.
 RATE, RAMP = 100e3, 1e-3
 # Shortest long stick, in loading times.
 LONG_STICK = 0.2
+# Options that a method does not use.
+UNUSED = {
+    "fast": ("beta2",),
+    "exact": ("beta2", "skip_sticks", "end_early"),
+    "paper": ("cutoff", "modify", "skip_sticks", "end_early"),
+}
 
 
 @dataclass(frozen=True)
@@ -62,32 +71,165 @@ class Until:
         checks.between("least", self.least, 0.0, 1e6, "s")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class Options:
-    """Options of a run as in `fivcore.simulate`; `skip` is its `leap`, and `initial` is normalised (F = 1).
+    """How `simulate` computes a motion and what it records; checked when made.
+
+    Parameters
+    ----------
+    method : {"fast", "exact", "paper"}
+        Symmetric steps of second order of the reduced model; the same model driven from event to event, some
+        600 times slower for the paper's rig, and more where friction falls with the speed; the published
+        scheme (Newmark with the friction law of Prakash and Clifton) on all modes.
+    numerical_damping : {"published", "none"}, optional
+        "published": with the stiffness damping that the published scheme adds of its own, (beta2 - 1/2) times its
+        step of 2e-8 s, of a structure its default step: "fast" and "exact" add it to the rig's d2. "none": the
+        model as given; for "paper" beta2 = 0.5. Default: "published" for "paper", "none" for the others.
+    ramp : float, optional
+        Time in which the clamp of P2 is uniformly accelerated to its velocity, s. "fast" takes a ramp shorter than
+        a step as none, "exact" one below 1e-7 s (times `time_scale`); the drive that decides on "undecided"
+        includes it. Default: 1 ms; none where the drive runs already, beside which a ramp is an error.
+    settle : float, optional
+        Start of the statistics, s since the drive started. Default: 0.1 s after the first slip, of a structure
+        0.1 s times `summary["time_scale"]`; 0 without slip.
+    initial : State or tuple, optional
+        Displacements and velocities of all modes, contact state; its drive starts or runs already (`State`).
+        Default: at rest under the load, T = 0, stuck. The `final_state` of a run of the same scene, method and
+        model continues that run: times count from its start, `duration` is added, and the motion has the same bits
+        as one run without the stop ("exact": to rounding; with skips: if both stop at the same times, as at
+        multiples of 1024 samples of 20 microseconds). In another scene or model the run starts at t = 0 from the
+        modes and the contact state; a `modify` is the same if it makes equal models.
+    cutoff : float, optional
+        Highest frequency of a mode, Hz; not for "paper", which keeps all. Default: 94 kHz for the paper's rig
+        (`contact.reduced.default_cutoff`), with more for the onset (`transient.fast.onset`). A structure from
+        matrices keeps the modes that take part in impacts, whatever its `fmax`; one from modes keeps all.
+    step : float, optional
+        Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1.8e-6 with the default rig; of
+        a structure in rigid contact also at most a hundredth of the duration, `transient.fast.run.default_step`);
+        for "exact" only the grid on which statistics are taken, 1e-6 times `time_scale`.
+    min_stick : float, optional
+        Shortest long stick, s. Default: a fifth of the time in which the drive at V loads a stuck contact until it
+        slips, statically: it depends on the scene alone, not on the start of the run.
+    record : bool or sequence of str
+        Series to keep: all, or some of `velocity_B`, `normal_force`, `tangential_force`, `slip_velocity`, `state`.
+    sample_rate : float, optional
+        Sampling rate of the series, Hz: at the times k / sample_rate, linear between two steps, with the state of
+        the step before. Where a whole number of steps fits between two samples, as with the default, they are
+        every so many steps without interpolation, at those steps' own times. None: every step. Where a run goes
+        on, they are linear from the last step before, if that run was recorded at such a rate. Default: 100 kHz,
+        of a structure divided by `time_scale`.
+    sample_times : array_like, (n,), optional
+        Ascending times of the series instead, s: linear between two steps of the method, with the state of the
+        step before; beyond the first and the last step their values.
+    end_early : bool
+        For "fast": fill in the rest of the run where steady sliding is proved to last
+        (`transient.fast.steady`), which changes figures by some 1e-9 of their size.
+    skip_sticks : bool
+        For "fast": skip the quiet part of long sticks, known in closed form
+        (`transient.fast.skip`). The motion differs by rounding, which chaos amplifies; in a skip the normal force
+        enters its maximum every 20 microseconds.
+    modify : callable, optional
+        For "fast" and "exact": a function that takes a `contact.reduced.ReducedModel` and returns a changed one,
+        to measure what a part of it is worth (`studies/accuracy/ablation.py`).
+    beta2 : float, optional
+        For "paper" only, from 0.5 to 1, in place of `numerical_damping`. Default: 0.8, the paper's.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, its value and what is allowed.
+    """
+
+    method: str = "fast"
+    numerical_damping: str | None = None
+    ramp: float | None = None
+    settle: float | None = None
+    initial: State | tuple[Any, Any, int] | None = None
+    cutoff: float | None = None
+    step: float | None = None
+    min_stick: float | None = None
+    record: bool | Sequence[str] = False
+    sample_rate: float | str | None = "default"
+    sample_times: Any = None
+    end_early: bool = True
+    skip_sticks: bool = True
+    modify: Modify | None = None
+    beta2: float | None = None
+
+    def __post_init__(self) -> None:
+        values = vars(self)
+        for name, limits in BOUNDS.items():
+            given = values[name]
+            if given is not None and not (isinstance(given, str) and (name, given) == ("sample_rate", "default")):
+                values[name] = checks.between(name, given, *limits)
+        if self.ramp is not None:
+            allowed = "0 or a time from 1e-9 to 1000 s"
+            values["ramp"] = checks.number("ramp", self.ramp, allowed, lambda x: x == 0.0 or 1e-9 <= x <= 1e3)
+        checks.choice("method", self.method, tuple(UNUSED))
+        for name in UNUSED[self.method]:
+            if (value := values[name]) is not None and value is not True:
+                text = f"{name} = {checks.short(value)}: method {self.method!r} does not use it; leave it out"
+                raise InputError(text)
+        if self.modify is not None and not callable(self.modify):
+            text = f"modify = {checks.short(self.modify)}: it must be a function of a reduced model, or None"
+            raise InputError(text)
+        if self.numerical_damping is not None:
+            checks.choice("numerical_damping", self.numerical_damping, ("published", "none"))
+            if self.beta2 is not None:
+                both = f"beta2 = {self.beta2:g} with numerical_damping = {self.numerical_damping!r}"
+                raise InputError(f"{both}: each sets the other; leave one out")
+        values["record"] = _names(self.record)
+        for name in ("end_early", "skip_sticks"):
+            checks.instance(name, values[name], bool)
+        if not (self.initial is None or isinstance(self.initial, State)):
+            try:
+                values["initial"] = State(*self.initial)
+            except TypeError:
+                text = "initial: it must be modal displacements, modal velocities and a contact state"
+                raise InputError(text) from None
+        if self.sample_times is not None:
+            values["sample_times"] = _times(self.sample_times, self.record)
+
+    @property
+    def law(self) -> dict[str, Any]:
+        """Numerical damping and beta2 with their defaults."""
+        damping = self.numerical_damping or ("published" if self.method == "paper" else "none")
+        undamped = (self.method, self.numerical_damping) == ("paper", "none")
+        return {"numerical_damping": damping, "beta2": 0.5 if undamped else self.beta2}
+
+
+def options_of(options: Options | None, keywords: dict[str, Any]) -> Options:
+    """The options that were given, or those of keywords."""
+    if options is None:
+        return Options(**keywords)
+    checks.instance("options", options, Options)
+    for name, value in keywords.items():
+        text = f"{name} = {checks.short(value)} beside options"
+        raise InputError(f"{text}: give all in one, as dataclasses.replace(options, {name}=...)")
+    return options
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RunOptions(Options):
+    """Options of one run: checked for its scene, with defaults, and with `initial` normalised (F = 1).
 
     Where the run ends when its shares are known, `duration` is the longest.
     """
 
     duration: float
-    method: str = "fast"
     numerical_damping: str = "none"
     ramp: float = RAMP
-    settle: float | None = None
     initial: State | None = None
-    cutoff: float | None = None
-    step: float | None = None
-    min_stick: float | None = None
     record: tuple[str, ...] = ()
-    sample_rate: float | None = 100e3
+    sample_rate: float | None = RATE
     sample_times: Array | None = None
-    end_early: bool = True
-    skip: bool = True
-    modify: Modify | None = None
-    beta2: float | None = None
     until: Until | None = None
-    # The run that goes on, where `initial` is its end.
-    resumed: Any = None
+    # The run that goes on, where `initial` is its end, and its last row.
+    resumed: Run | None = None
+    last_row: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Nothing is left to be checked."""
 
     @property
     def contact(self) -> int:
@@ -113,79 +255,87 @@ class Options:
         return (whole, None) if abs(steps / whole - 1.0) < 1e-9 else (1, self.sample_rate)
 
 
-def options_for(scene: Scene, normalised: Normalised, arguments: dict[str, Any]) -> Options:
-    """Check the arguments of `fivcore.simulate`, by name; a `ValueError` names the first that is wrong."""
-    options = dict(arguments)
-    if isinstance(options["duration"], Until):
-        options |= {"until": options["duration"], "duration": options["duration"].most}
-    if default_rate := isinstance(options["sample_rate"], str) and options["sample_rate"] == "default":
-        options["sample_rate"] = None
-    for name, limits in BOUNDS.items():
-        if name == "duration" or options[name] is not None:
-            options[name] = checks.between(name, options[name], *limits)
-    if default_rate:
-        options["sample_rate"] = RATE / scene.rig.time_unit
-    duration, rate, times = options["duration"], options["sample_rate"], options["sample_times"]
-    allowed = "0 or a time from 1e-9 to 1000 s"
-    given = options["ramp"]
-    ramp = RAMP if given is None else checks.number("ramp", given, allowed, lambda x: x == 0.0 or 1e-9 <= x <= 1e3)
-    options |= law_options(options)
-    record = _names(options["record"])
-    for name in ("end_early", "leap"):
-        checks.instance(name, options[name], bool)
-    if record and times is None and rate is not None and duration * rate > 1e8:
+class Run(Protocol):
+    """A method's run under way, normalised (F = 1)."""
+
+    scene: Normalised
+    options: RunOptions
+    # Time step and start, s; rate of samples, Hz; steps at the end, and those that the next segment does not pass.
+    step: float
+    begun: float
+    rate: float
+    steps: int
+    pause: int
+    # Counters (1,) (`transient.statistics`), segments, and whether steady sliding may still be proved.
+    record: Any
+    segments: Iterable[Segment]
+    may_settle: bool
+
+    @property
+    def model(self) -> ReducedModel:
+        """The model in use."""
+
+    @property
+    def models(self) -> list[tuple[float | None, ReducedModel]]:
+        """All models of the run, each with the cut-off asked for."""
+
+    @property
+    def growing(self) -> Array:
+        """Frequencies of growing motions about steady sliding, Hz, where the method asks for them."""
+
+    @property
+    def time(self) -> float:
+        """Time up to which the run has come, s."""
+
+    @property
+    def done(self) -> bool:
+        """Whether the run has come to its end."""
+
+    def advance(self) -> None:
+        """Go on to the end of the next segment and leave in `segments` what happened there."""
+
+    def again(self, options: RunOptions) -> Run:
+        """Return a run that continues this one after its end."""
+
+    def stored_energy(self) -> float:
+        """Energy of modes, springs and load."""
+
+    def released_energy(self) -> float:
+        """Decrease of the stored energy since the start."""
+
+    def flush(self, floor: float) -> bool:
+        """Set what is below a floor to zero; False where a number is not finite."""
+
+
+def run_options(scene: Scene, normalised: Normalised, duration: Any, options: Options) -> RunOptions:
+    """Check options for a scene; a `ValueError` names the first that does not suit it."""
+    until = duration if isinstance(duration, Until) else None
+    duration = checks.between("duration", until.most if until else duration, *DURATION)
+    rate, times = options.sample_rate, options.sample_times
+    rate = RATE / scene.rig.time_unit if isinstance(rate, str) else rate
+    if options.record and times is None and rate is not None and duration * rate > 1e8:
         raise InputError(f"sample_rate = {rate:g}: over this duration it must be at most {1e8 / duration:g} Hz")
     checks.between("V / F", normalised.speed_per_load, 1e-12, 1e8, "m/s per N")
-    options |= {"ramp": ramp, "record": record, "skip": options.pop("leap")}
-    if (initial := options["initial"]) is not None:
-        run = _continued(initial, normalised, options)
+    ramp, start = RAMP if options.ramp is None else options.ramp, 0.0
+    values = vars(options) | options.law
+    values |= {"duration": duration, "until": until, "sample_rate": rate, "ramp": ramp}
+    if isinstance(initial := options.initial, State):
+        run = _continued(initial, normalised, values)
         state = _state(initial, scene, normalised)
         started = run.options.ramp if run is not None else 0.0 if state.running else ramp
-        if given is not None and ramp != started and (ramp > 0.0 or not state.running):
+        if options.ramp is not None and ramp != started and (ramp > 0.0 or not state.running):
             text = "the drive of the initial state has started already; leave it out"
             raise InputError(f"ramp = {ramp:g}: {text}")
-        options |= {"resumed": run, "ramp": started, "initial": state}
-    if times is not None:
-        start = 0.0 if options.get("resumed") is None else initial.time
-        options["sample_times"] = _times(times, record, start, duration)
-    return Options(**options)
-
-
-# Options that a method does not use.
-UNUSED = {
-    "fast": ("beta2",),
-    "exact": ("beta2", "leap", "end_early"),
-    "paper": ("cutoff", "modify", "leap", "end_early"),
-}
-
-
-def law_options(options: dict[str, Any]) -> dict[str, Any]:
-    """Check a method, that it uses all `options` that differ from their defaults, and its contact law.
-
-    Returns the two options that follow from others.
-    """
-    method, modify, numerical_damping, beta2 = (
-        options[name] for name in ("method", "modify", "numerical_damping", "beta2")
-    )
-    checks.choice("method", method, tuple(UNUSED))
-    for name in UNUSED[method]:
-        if (value := options.get(name)) is not None and value is not True:
-            raise InputError(f"{name} = {checks.short(value)}: method {method!r} does not use it; leave it out")
-    if modify is not None and not callable(modify):
-        raise InputError(f"modify = {checks.short(modify)}: it must be a function of a reduced model, or None")
-    if beta2 is not None:
-        # Below 0.5 every mode grows.
-        beta2 = checks.number("beta2", beta2, "a number from 0.5 to 1", lambda x: 0.5 <= x <= 1.0)
-    if numerical_damping is None:
-        numerical_damping = "published" if method == "paper" else "none"
-    elif beta2 is not None:
+        values |= {"ramp": started, "initial": state}
+        if run is not None and initial.origin is not None:
+            start, values["resumed"], values["last_row"] = initial.time, run, initial.origin[2]
+    if times and not (times[0] >= start and times[-1] <= start + duration):
         raise InputError(
-            f"beta2 = {beta2:g} with numerical_damping = {numerical_damping!r}: each sets the other; leave one out"
+            f"sample_times from {times[0]:g} to {times[-1]:g} s: they must be from {start:g} to"
+            f" {start + duration:g} s, the run's start and end"
         )
-    else:
-        checks.choice("numerical_damping", numerical_damping, ("published", "none"))
-        beta2 = 0.5 if method == "paper" and numerical_damping == "none" else None
-    return {"numerical_damping": numerical_damping, "beta2": beta2}
+    values["sample_times"] = None if times is None else np.array(times)
+    return RunOptions(**values)
 
 
 def _names(record: Any) -> tuple[str, ...]:
@@ -193,17 +343,17 @@ def _names(record: Any) -> tuple[str, ...]:
     if isinstance(record, (bool, np.bool_)):
         return tuple(SERIES) if record else ()
     names = (record,) if isinstance(record, str) else record
-    if not isinstance(names, (tuple, list)) or not names or any(name not in SERIES for name in names):
+    if not isinstance(names, (tuple, list)) or any(name not in SERIES for name in names):
         raise InputError(f"record = {record!r}: it must be a bool or names of series among {', '.join(SERIES)}")
     return tuple(name for name in SERIES if name in names)
 
 
-def _continued(initial: Any, normalised: Normalised, options: dict[str, Any]) -> Any:
+def _continued(initial: State, normalised: Normalised, options: dict[str, Any]) -> Run | None:
     """Return the run that ended in `initial` if it had the same scene, method and model, else None.
 
     Functions that modify a model are the same if the models that they make now are equal to those of the run.
     """
-    scene, run = getattr(initial, "origin", None) or (None, None)
+    scene, run, _ = initial.origin or (None, None, None)
     names, modify = ("method", "numerical_damping", "cutoff", "step", "beta2"), options["modify"]
     if scene != normalised or run is None or any(getattr(run.options, name) != options[name] for name in names):
         return None
@@ -219,8 +369,9 @@ def _continued(initial: Any, normalised: Normalised, options: dict[str, Any]) ->
     return run if same else None
 
 
-def _times(sample_times: Any, names: tuple[str, ...], start: float, duration: float) -> Array:
-    if not names:
+def _times(sample_times: Any, record: Any) -> tuple[float, ...]:
+    """Times of a record, s."""
+    if not record:
         raise InputError("sample_times: they are for what is recorded, and nothing is; give record = True")
     try:
         times = np.asarray(sample_times, dtype=np.float64)
@@ -228,12 +379,7 @@ def _times(sample_times: Any, names: tuple[str, ...], start: float, duration: fl
         raise InputError("sample_times: they must be numbers, s") from None
     if times.ndim != 1 or not np.all(np.isfinite(times)) or np.any(np.diff(times) < 0.0):
         raise InputError(f"sample_times of shape {times.shape}: they must be a row of finite, ascending times, s")
-    if len(times) and not (times[0] >= start and times[-1] <= start + duration):
-        raise InputError(
-            f"sample_times from {times[0]:g} to {times[-1]:g} s: they must be from {start:g} to"
-            f" {start + duration:g} s, the run's start and end"
-        )
-    return times
+    return tuple(times.tolist())
 
 
 def seen(scene: Normalised) -> Any:
@@ -241,14 +387,9 @@ def seen(scene: Normalised) -> Any:
     return scene.theta if isinstance(scene.rig, Rig) else scene.rig
 
 
-def _state(initial: Any, scene: Scene, normalised: Normalised) -> State:
+def _state(given: State, scene: Scene, normalised: Normalised) -> State:
     """The given state, normalised."""
-    try:
-        given = initial if isinstance(initial, State) else State(*initial)
-        q, v, contact = given.displacement, given.velocity, given.contact
-        q, v = np.asarray(q), np.asarray(v)
-    except (TypeError, ValueError):
-        raise InputError("initial: it must be modal displacements, modal velocities and a contact state") from None
+    q, v, contact = np.asarray(given.displacement), np.asarray(given.velocity), given.contact
     band = structure_of(scene.rig, scene.theta)
     own, fewer = band.motion, len(band.frequency)
     modes = len(own.frequency)

@@ -31,7 +31,7 @@ from fivcore.jit import Array, inlined, kernel
 from fivcore.rig import Rig, Structural
 from fivcore.structure import structure_of
 from fivcore.transient.normalised import Normalised
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter, first_counted
 from fivcore.transient.stepped import SteppedRun
 
@@ -99,7 +99,7 @@ def largest_step(stiffness: Array, damping: Array, beta2: float) -> float:
 class PaperRun(SteppedRun):
     """One run in progress."""
 
-    def __init__(self, scene: Normalised, options: Options) -> None:
+    def __init__(self, scene: Normalised, options: RunOptions) -> None:
         rig = scene.rig if isinstance(scene.rig, Rig) else structure_of(scene.rig, 0.0).truncated()
         self.model = model = full_model(rig, scene.theta)
         dt = default_step(scene.rig) if options.step is None else options.step

@@ -41,16 +41,16 @@ SERIES = {"velocity_B": 1, "normal_force": 2, "tangential_force": 3, "slip_veloc
 class Segment:
     """Results of a segment, normalised (F = 1).
 
-    `samples` (n, SAMPLE) were taken at the times `t` (n,), followed by `further` samples like the last; `sticks`
-    (k, 2) are start and end of the long sticks that ended; `rows` (m, 6) what is recorded: time, velocity of B, N,
-    T, slip rate and contact state.
+    `samples` (n, SAMPLE) were taken at the times `t` (n,), the last `repeated` times more; `sticks` (k, 2) are
+    start and end of the long sticks that ended; `rows` (m, 6) what is recorded: time, velocity of B, N, T, slip
+    rate and contact state.
     """
 
     t: Array
     samples: Array
     sticks: Array = field(default_factory=lambda: np.empty((0, 2)))
     rows: Array = field(default_factory=lambda: np.empty((0, 6)))
-    further: int = 0
+    repeated: int = 0
 
 
 def count_in(first: int, last: int, every: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from copy import copy, deepcopy
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from fivcore.contact.reduced import INTERVAL, ReducedModel
 from fivcore.jit import Array
 from fivcore.transient.normalised import Normalised
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import SAMPLE, Segment, count_in, first_counted, room_for_sticks
 
 
@@ -36,7 +37,7 @@ class SteppedRun:
     _take: Any
     stored_energy: Any
 
-    def again(self, options: Options) -> Any:
+    def again(self, options: RunOptions) -> Any:
         """Return a run that continues this one after its end."""
         run = duplicate(self)
         run.options, run.begun = options, run.time
@@ -48,14 +49,14 @@ class SteppedRun:
         run._first_energy = run.stored_energy()
         return run
 
-    def __init__(self, scene: Normalised, options: Options, step: float, length: float, fields: Any) -> None:
+    def __init__(self, scene: Normalised, options: RunOptions, step: float, length: float, fields: Any) -> None:
         self.scene, self.options, self.step = scene, options, step
         # The run goes no further than to step `pause`, which may move.
         self.pause = self.steps = max(round(options.duration / step), 1)
         self._length = max(int(length), 1)
         every = max(round(INTERVAL * scene.rig.time_unit / step), 1)
         self.rate = 1.0 / (every * step)
-        self.segments: list[Segment] = []
+        self.segments: Iterable[Segment] = []
         self.growing: Array = np.zeros(0)
         self.record = options.record_of(scene, fields)
         self.record["contact"] = options.contact

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from fivcore.contact.reduced import default_cutoff
@@ -11,16 +9,16 @@ from fivcore.jit import Array
 from fivcore.rig import Rig, Structural
 from fivcore.structure import Structure
 from fivcore.transient.normalised import displacement, loading_time, reference_energy, slip_distance
-from fivcore.transient.observe import Observer, degrees_of_freedom, standard_errors
+from fivcore.transient.observe import NORMAL_FORCE, SLIP_RATE, Observer, degrees_of_freedom, standard_errors
+from fivcore.transient.options import Run
 from fivcore.transient.statistics import ENERGIES, FIELDS, SETTLED
 
 
-def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict[str, object]:
+def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
     """Return the figures of a run in the units of its scene; NaN where there is no value.
 
-    `sticks` (k, 2) are the long sticks that have ended, `further` the number of samples that were filled in. A
-    figure with a unit of speed or force is F times its normalised value, one multiplication: a copy of a scene has
-    the same bits whether computed or scaled.
+    `sticks` (k, 2) are the long sticks that have ended. A figure with a unit of speed or force is F times its
+    normalised value, one multiplication: a copy of a scene has the same bits whether computed or scaled.
 
     Times and frequencies that are named here are those of the beams; of a structure times are longer by
     `time_scale`, frequencies lower: 5 kHz over its highest frequency, if that is lower, or its lowest, if higher.
@@ -65,11 +63,13 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
     if not (end > start and total > 0.0):
         counted, total = counted | dict.fromkeys(SETTLED, float("nan")), float("nan")
     share = {state: counted[f"{state}_time"] / total for state in states}
-    open_stick = float(np.fmax(end - counted["stick_start"], 0.0))
-    censored = int(open_stick >= counted["least_stick"])
+    slipped = not np.isnan(counted["first_slip"])
+    censored = int(slipped and end - counted["stick_start"] >= counted["least_stick"])
     rms, spread = observer.rms, observer.spread(begun + 0.75 * duration)
     quiet = not rms > 1e-9 * scene.speed_per_load
-    long = np.vstack([sticks, [end - open_stick, end]]) if censored else sticks
+    long = np.vstack([sticks, [counted["stick_start"], end]]) if censored else sticks
+    # Spectra of a run that never slips are those of a stick.
+    observer.sticks = long if slipped else np.array([[0.0, np.inf]])
     whole = observer.correlation.peak() if len(long) else float("nan")
     # Sticks that last no longer than a period are a part of the vibration.
     cycle = long[:, 1] - long[:, 0] <= 1.0 / whole
@@ -84,10 +84,10 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
     driven = float(np.diff(displacement(np.array([begun, end]), scene.speed_per_load, run.options.ramp))[0])
     distance = slip_distance(scene)
     regime = regime_of(
-        slipped=not np.isnan(counted["first_slip"]),
+        slipped=slipped,
         drive=driven / max(distance, 1e-300),
         slip_share=share["slip"],
-        steadiness=0.0 if further and np.isnan(spread) else spread / scene.speed_per_load,
+        steadiness=0.0 if observer.repeated and np.isnan(spread) else spread / scene.speed_per_load,
         stick_share=filled / max(end - start, 1e-300),
         last_stick=(float(long[-1, 0]) - begun) / duration if len(long) else 0.0,
         periodicity=periodicity,
@@ -98,9 +98,9 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
     lengths = sticks[:, 1] - sticks[:, 0]
     unit = scene.rig.time_unit
     degrees = degrees_of_freedom((end - start) / unit, loading_time(scene) / unit)
-    decided = not (regime in ("undecided", "stuck", "steady sliding") or further)
+    decided = not (regime in ("undecided", "stuck", "steady sliding") or observer.repeated)
     errors = standard_errors(observer, degrees if decided else 0, lengths)
-    if further or regime in ("stuck", "steady sliding"):
+    if observer.repeated or regime in ("stuck", "steady sliding"):
         errors |= {f"{state}_fraction": 0.0 for state in states}
     released, work, *lost = run.released_energy(), *(counted[name] for name in ENERGIES)
     exchanged = float(np.abs([work, released, *lost]).sum())
@@ -116,7 +116,7 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
     expected = float(np.hypot(least, UNSTEADY * unsteady))
     if origin != "default":
         expected = float("nan")
-    elif further or regime in ("stuck", "steady sliding"):
+    elif observer.repeated or regime in ("stuck", "steady sliding"):
         expected = 0.0
     figures = {
         **{f"{state}_fraction": value for state, value in share.items()},
@@ -126,9 +126,9 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
         "velocity_rms": F * rms,
         "mean_normal_force": F * (counted["sum_N"] / total),
         "max_normal_force": F * counted["max_N"],
-        "normal_force_999": F * observer.forces.quantile(0.999),
+        "normal_force_999": F * observer.quantile(NORMAL_FORCE, 0.999),
         "max_slip_speed": F * counted["max_slip"],
-        "slip_speed_999": F * observer.speeds.quantile(0.999),
+        "slip_speed_999": F * observer.quantile(SLIP_RATE, 0.999),
         "switches_per_second": counted["switches"] / total,
         "first_slip_time": counted["first_slip"],
         "first_separation_time": counted["first_separation"],
@@ -141,7 +141,7 @@ def summarise(run: Any, observer: Observer, sticks: Array, further: int) -> dict
         "cutoff": cutoff,
         "cutoff_error": expected,
         "simulated_time": duration,
-        "settled_early": further > 0,
+        "settled_early": observer.repeated > 0,
         "time_scale": float(unit),
     }
     if origin == "highest mode":

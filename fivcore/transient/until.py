@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from fivcore.transient.fast.layout import MAX_SKIP
 from fivcore.transient.fast.steady import NEAR
 from fivcore.transient.normalised import loading_time
 from fivcore.transient.observe import LOADING_TIMES, Observer, degrees_of_freedom, errors_of_means
-from fivcore.transient.options import Until
+from fivcore.transient.options import Run, Until
 from fivcore.transient.summary import SLIP_DRIVE, STEADY_SPREAD
 
 # Each check is later than the last by this factor of the time since settling.
 LATER = 1.25
 
 
-class Watch:
-    """Ends a run in time: `known` says whether its shares were certain enough at the last check."""
+class StoppingRule:
+    """Ends a run in time: `satisfied` says whether its shares were certain enough at the last check."""
 
-    def __init__(self, run: Any, until: Until) -> None:
-        self._run, self._until, self.known = run, until, False
+    def __init__(self, run: Run, until: Until) -> None:
+        self._run, self._until, self.satisfied = run, until, False
         self._loading_time = loading_time(run.scene)
         self._stuck = SLIP_DRIVE * self._loading_time + (0.5 * run.options.ramp if run.begun == 0.0 else 0.0)
         self._plan()
@@ -37,14 +35,14 @@ class Watch:
             time *= LATER
         run.pause = min(round(np.ceil((start + time) / grid) * grid / run.step), run.steps)
 
-    def look(self, observer: Observer, filled: bool) -> None:
+    def check(self, observer: Observer) -> None:
         """Where the run pauses, end it or let it go on."""
         run = self._run
         if run.time < (run.pause - 0.5) * run.step:
             return
-        before, self.known = self.known, filled or self._is_known(observer)
+        before, self.satisfied = self.satisfied, observer.repeated > 0 or self._is_known(observer)
         moves = not np.isnan(run.record["first_slip"][0])
-        if self.known and (before or not moves):
+        if self.satisfied and (before or not moves):
             run.steps = run.pause
         elif run.pause < run.steps:
             self._plan()

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from inspect import signature
 from typing import Any
 
 import numpy as np
 
-from fivcore import Scene, Transient, Until, simulate
-from fivcore.transient.normalised import Normalised
-from fivcore.transient.options import options_for
+from fivcore import Options, Scene, Transient, Until
+from fivcore.transient.simulate import request
 from fivcore.transient.statistics import SETTLING as SETTLING_TIME
 from studies.motion.jobs import Job
 from sweeps import Variable
@@ -75,7 +73,7 @@ def options(
 ) -> dict[str, Any]:
     """Arguments of `fivcore.simulate` from the parameters of a run (`studies.parameters.RUN`)."""
     run = {"method": METHOD, "ramp": ramp, "cutoff": cutoff, "settle": others.get("settle")}
-    return run | {"leap": bool(skip_long_sticks), "numerical_damping": numerical_damping}
+    return run | {"skip_sticks": bool(skip_long_sticks), "numerical_damping": numerical_damping}
 
 
 def job(scene: Scene, duration: float | Until, run: Mapping[str, Any], **recording: Any) -> Job:
@@ -114,7 +112,4 @@ def check(
     ends = ((speeds.min(), loads.max()), (speeds.max(), loads.min()))
     for speed, load in ends:
         scene = Scene(float(speed), 0.0, 0.0, float(load))
-        arguments = signature(simulate).bind(scene, 1e-6, **options(**run))
-        arguments.apply_defaults()
-        given = dict(arguments.arguments)
-        options_for(given.pop("scene"), Normalised.of(scene), given)
+        request(scene, 1e-6, Options(**options(**run)))

@@ -94,7 +94,7 @@ def modes_alone() -> tuple[float, int]:
 def whole() -> float:
     """Seconds per step of a run, all that Python does included; every step taken."""
     steps = 2.0 / reduced_model(Rig(), SCENE.theta).default_step
-    return statistics.median(seconds(SCENE, 2.0, "fast", leap=False) for _ in range(5)) / steps
+    return statistics.median(seconds(SCENE, 2.0, "fast", skip_sticks=False) for _ in range(5)) / steps
 
 
 def first(repeat: int = 3) -> Table:

@@ -51,7 +51,7 @@ def growth(repeat: int = 3) -> dict[str, tuple[list[float], list[float], float]]
     steps, step = 6000, 1e-8
     sizes = [len(reduced_model(Rig(), SCENE.theta, cutoff).normal) for cutoff in CUTOFFS]
     many = [
-        lambda cutoff=cutoff: together(SCENE, steps * step, 32, cutoff=cutoff, step=step, leap=False)
+        lambda cutoff=cutoff: together(SCENE, steps * step, 32, cutoff=cutoff, step=step, skip_sticks=False)
         for cutoff in CUTOFFS
     ]
     medians(many, 1)

@@ -15,7 +15,7 @@ from fivcore.transient.fast.run import FastRun
 from fivcore.transient.fast.solver import take
 from fivcore.transient.fast.steady import NORMAL, PENETRATION, SLIP_RATE, VELOCITY, steady_sliding
 from fivcore.transient.normalised import Normalised
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import SLIP
 from studies.accuracy.ablation import truncated, with_dashpot
 from tests.helpers.rigs import workshop_rig
@@ -139,7 +139,7 @@ def run_in_slip(scene, cutoff=None):
     """A run whose drive is at its speed, its steady sliding, and V / F."""
     given = {"ramp": 0.0, "settle": 0.0, "cutoff": cutoff or default_cutoff(scene.rig), "end_early": False}
     normalised = Normalised.of(scene)
-    run = FastRun(normalised, Options(1.0, record=("velocity_B",), sample_rate=None, **given))
+    run = FastRun(normalised, RunOptions(duration=1.0, record=("velocity_B",), sample_rate=None, **given))
     return run, steady_sliding(run.model, scene.mu, run.step), normalised.speed_per_load
 
 

@@ -7,7 +7,7 @@ from fivcore import ContactError, DivergenceError, Scene
 from fivcore.transient.exact import DWELL, ExactRun
 from fivcore.transient.exact_kernels import NOTHING, follow
 from fivcore.transient.normalised import Normalised
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import SEPARATION, STICK
 
 BUFFERS = np.empty((9, 7)), np.empty((9, 6)), np.empty((9, 2))
@@ -15,7 +15,9 @@ BUFFERS = np.empty((9, 7)), np.empty((9, 6)), np.empty((9, 2))
 
 def made(V, theta, mu):
     """A run before its first step."""
-    return ExactRun(Normalised.of(Scene(V, theta, mu, 9.0)), Options(1.0, "exact", cutoff=75e3, settle=0.0))
+    return ExactRun(
+        Normalised.of(Scene(V, theta, mu, 9.0)), RunOptions(duration=1.0, method="exact", cutoff=75e3, settle=0.0)
+    )
 
 
 @pytest.mark.parametrize(("dip", "heeded"), [(1e-2, True), (1e-3, True), (-1e-3, False)])
@@ -27,7 +29,7 @@ def test_a_gap_that_closes_and_opens_between_two_readings_is_found(dip, heeded):
     omega, size = np.sqrt(model.stiffness[k]), 1e-6
     shapes, damping = np.zeros_like(model.shapes), np.zeros(n)
     shapes[0, k] = size
-    system = (model.stiffness, damping, shapes, model.inertia, model.point_b, model.K, model.C, 0.0 * model.K)
+    system = (model.stiffness, damping, shapes, model.inertia, model.output, model.K, model.C, 0.0 * model.K)
     motion = run._motion.copy()
     # With no force on the springs, the gap is size (1 - dip + cos omega t).
     motion[k], motion[2 * n] = 1.0, size * (1.0 - dip)

@@ -15,7 +15,7 @@ from tests.helpers.runs import SERIES, assert_same_summary
 
 def both(scene, duration, **given):
     """Taken step by step, and skipped."""
-    return (simulate(scene, duration, leap=leap, **given) for leap in (False, True))
+    return (simulate(scene, duration, skip_sticks=leap, **given) for leap in (False, True))
 
 
 @given(st.floats(3e-4, 3e-3), st.floats(1.0, 12.0), st.floats(0.05, 0.5))
@@ -48,7 +48,7 @@ def test_what_a_skip_counts_is_what_steps_count():
 def test_a_skip_is_recorded_like_steps(rate):
     """And with the same bits of everything else as without a record."""
     scene = Scene(1e-3, 5.0, 0.2, 9.0)
-    every = simulate(scene, 0.14, record=True, sample_rate=None, leap=False)
+    every = simulate(scene, 0.14, record=True, sample_rate=None, skip_sticks=False)
     skipped = simulate(scene, 0.3, record=True, sample_rate=rate)
     assert_same_summary(simulate(scene, 0.3), skipped)
     held = skipped.time[skipped.time < 0.13]

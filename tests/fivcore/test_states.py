@@ -13,8 +13,7 @@ from fivcore import Friction, InputError, Rig, Scene, State, Structure, Until, s
 from fivcore.contact.reduced import full_model
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.normalised import Normalised
-from fivcore.transient.options import Options
-from fivcore.transient.statistics import first_counted
+from fivcore.transient.options import RunOptions
 from fivcore.transient.stepped import duplicate
 
 SCENE = Scene(2e-3, 5.0, 0.2, 9.0)
@@ -34,11 +33,11 @@ def parts(scene, times, duration, method="fast", **options):
 
 @pytest.mark.parametrize(("scene", "options"), [
     # In the ramp, before the first slip, in the onset, in the burst; from rest without a ramp.
-    (SCENE, {"leap": False}),
-    (replace(SCENE, V=-5e-3), {"leap": False}),
-    (replace(SCENE, friction=Friction(0.6, 0.01)), {"leap": False}),
-    (SCENE, {"leap": False, "ramp": 0.0, "cutoff": 60e3}),
-    (SLIDING, {"leap": False, "end_early": False, "numerical_damping": "published"}),
+    (SCENE, {"skip_sticks": False}),
+    (replace(SCENE, V=-5e-3), {"skip_sticks": False}),
+    (replace(SCENE, friction=Friction(0.6, 0.01)), {"skip_sticks": False}),
+    (SCENE, {"skip_sticks": False, "ramp": 0.0, "cutoff": 60e3}),
+    (SLIDING, {"skip_sticks": False, "end_early": False, "numerical_damping": "published"}),
 ])  # fmt: skip
 def test_a_run_in_pieces_has_the_bits_of_one(scene, options):
     first = simulate(scene, 0.2, **options).summary["first_slip_time"]
@@ -61,7 +60,7 @@ def test_a_run_in_pieces_has_the_bits_of_one(scene, options):
     (replace(SLIDING, V=0.05), {"settle": 0.0}, 3),
 ])  # fmt: skip
 def test_a_run_is_its_state_and_a_copy_goes_on_alike(scene, options, phases):
-    run, seen, copies = FastRun(Normalised.of(scene), Options(0.16, **options)), set(), []
+    run, seen, copies = FastRun(Normalised.of(scene), RunOptions(duration=0.16, **options)), set(), []
     while not run.done:
         copies.append(duplicate(run))
         seen.add(run._phase)
@@ -98,7 +97,7 @@ def test_resampled_series_are_linear_across_a_stop(method):
     scene, rate = replace(SCENE, V=2e-2), 77e3
     steps = {"fast": None, "exact": 2e-6, "paper": None}[method]
     stop = 850 / rate
-    whole, pieces = parts(scene, [stop], stop + 2e-4, method, sample_rate=rate, step=steps, leap=True)
+    whole, pieces = parts(scene, [stop], stop + 2e-4, method, sample_rate=rate, step=steps, skip_sticks=True)
     join = len(pieces[0].time)
     joined = np.concatenate([piece.normal_force for piece in pieces])
     at = np.searchsorted(pieces[1].time, pieces[0].final_state.time)
@@ -242,7 +241,7 @@ def test_a_structure_keeps_what_its_modes_leave_out():
     own = Structure.from_matrices(0.1 * np.eye(n), K, normal={n - 1: 1.0}, tangential={n - 2: 1.0},
                                   load={n - 1: -1.0}, damping_ratio=0.01, fmax=300.0)  # fmt: skip
     scene = Scene(0.01, 0.0, 0.3, 10.0, own)
-    whole, pieces = parts(scene, [0.1], 0.2, leap=False, step=2e-5)
+    whole, pieces = parts(scene, [0.1], 0.2, skip_sticks=False, step=2e-5)
     assert np.array_equal(np.concatenate([p.normal_force for p in pieces]), whole.normal_force)
     end = pieces[0].final_state
     assert len(end.displacement) > len(own.frequency)

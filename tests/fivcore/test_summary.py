@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from fivcore import Scene
 from fivcore.transient.normalised import Normalised, displacement, slip_distance
 from fivcore.transient.observe import LONG_BLOCK as BLOCK
-from fivcore.transient.observe import Correlation, Largest, Observer, Welch
+from fivcore.transient.observe import NORMAL_FORCE, SLIP_RATE, Correlation, Observer, welch
 from fivcore.transient.statistics import FIELDS, SAMPLE, SEPARATION, SLIP, STICK, begin, clear, count_step, enter
 from fivcore.transient.summary import summarise
 from tests.known import SLIP_DISTANCE
@@ -50,9 +50,9 @@ def samples_of(velocity):
 
 def observed(t, velocity, sticks=NONE, settled_from=0.0):
     """An observer that has seen all samples, with N = 1 and no slip."""
-    observer = Observer(RATE)
+    observer = Observer(RATE, len(t))
     observer.add(t, samples_of(velocity), settled_from)
-    observer.close(sticks)
+    observer.sticks = sticks
     return observer
 
 
@@ -66,7 +66,7 @@ def figures_of(states, *series, observer=None, duration=None, steadiness=0.0, re
     made.record, made.released_energy = np.array([record]), lambda: released
     observer = observer or observed(np.zeros(0), np.zeros(0))
     observer.spread = lambda start: steadiness * SCENE.speed_per_load
-    return summarise(made, observer, sticks, 0)
+    return summarise(made, observer, sticks)
 
 
 def test_fractions_are_shares_of_the_time_after_the_first_slip_and_settling():
@@ -115,28 +115,26 @@ def test_what_comes_before_settling_counts_for_nothing():
     velocity = np.append(np.full(2000, 7.0), np.tile([1.0, -1.0], 1000))
     observer = observed(np.append(t, t + 0.04), velocity, settled_from=0.04)
     assert observer.rms == pytest.approx(1.0)
-    assert observer.forces.quantile(0.0) == 1.0
+    assert observer.quantile(NORMAL_FORCE, 0.999) == 1.0
     assert len(observer.blocks) == 1999 // 128
 
 
 def test_quantiles_of_nothing_of_zeros_and_of_one_value_many_times():
-    largest = Largest()
-    largest.add(np.zeros(0))
-    assert np.isnan(largest.quantile(0.5))
-    largest.add(np.zeros(3))
-    assert largest.quantile(0.999) == 0.0
-    largest = Largest()
-    largest.add(np.full(20, 5.0))
-    largest.repeat(1.0, 9980)
-    assert [largest.quantile(share) for share in (0.99, 0.999)] == [1.0, 5.0]
+    assert np.isnan(Observer(RATE, 0).quantile(SLIP_RATE, 0.999))
+    assert observed(np.arange(3) / RATE, np.zeros(3)).quantile(SLIP_RATE, 0.999) == 0.0
+    observer, samples = Observer(RATE, 10_000), samples_of(np.zeros(10))
+    samples[:, 1] = -5.0
+    observer.add(np.arange(10) / RATE, samples, 0.0)
+    observer.repeat(9 / RATE, np.array([0.0, 1.0, 1.0]), 9990)
+    assert [observer.quantile(SLIP_RATE, share) for share in (0.998, 0.9995)] == pytest.approx([1.0, 5.0])
 
 
 @pytest.mark.parametrize("frequency", [233.0, 2612.0, 9871.0])
 def test_the_dominant_frequency_of_a_noisy_sine_beside_peaks_below_200_hz_and_above_10_khz(frequency):
-    t, welch = np.arange(40_000) / RATE, Welch(RATE)
+    t = np.arange(40_000) / RATE
     lines = sum(size * np.sin(2 * np.pi * f * t) for size, f in ((10, 60), (1, frequency), (5, 15e3)))
-    welch.add(lines + 0.5 * np.random.default_rng(2).normal(size=len(t)))
-    assert welch.peak() == pytest.approx(frequency, abs=3.0)
+    spectrum = welch([lines + 0.5 * np.random.default_rng(2).normal(size=len(t))], RATE)
+    assert spectrum.peak() == pytest.approx(frequency, abs=3.0)
 
 
 def test_sticks_and_what_lies_between_them_have_spectra_of_their_own():
@@ -144,45 +142,30 @@ def test_sticks_and_what_lies_between_them_have_spectra_of_their_own():
     t = np.arange(2 * BLOCK) / RATE
     signal = np.random.default_rng(8).normal(size=len(t))
     edges = np.array([[0, 2048], [BLOCK - 1, BLOCK + 5000], [BLOCK + 9000, 2 * BLOCK - 1]])
-    observer, moving, stuck = observed(t, signal, t[edges]), Welch(RATE), Welch(RATE)
-    for first, last in ((2048, BLOCK - 1), (BLOCK + 5000, BLOCK + 9000)):
-        moving.add(signal[first:last])
-    for first, last in ((0, 2048), (BLOCK, BLOCK + 5000), (BLOCK + 9000, 2 * BLOCK - 1)):
-        stuck.add(signal[first:last])
+    observer = observed(t, signal, t[edges])
+    moving, stuck = (
+        welch([signal[first:last] for first, last in parts], RATE)
+        for parts in (
+            ((2048, BLOCK - 1), (BLOCK + 5000, BLOCK + 9000)),
+            ((0, 2048), (BLOCK, BLOCK + 5000), (BLOCK + 9000, 2 * BLOCK - 1)),
+        )
+    )
     assert observer.moving.power == pytest.approx(moving.power, rel=1e-12)
     assert observer.stuck.power == pytest.approx(stuck.power, rel=1e-12)
     assert observer.rms == pytest.approx(np.std(signal), rel=1e-3)
 
 
-def test_what_is_not_known_to_be_a_long_stick_waits():
-    t, first = np.arange(2 * BLOCK) / RATE, BLOCK + 2048
-    signal = np.sin(2 * np.pi * 2055 * t)
-    observer, stick = Observer(RATE), np.array([[t[1024], np.inf]])
-    observer.add(t[:first], samples_of(signal[:first]), 0.0)
-    observer.process(NONE, t[1024])
-    assert observer.stuck.power.sum() == observer.moving.power.sum() == 0.0
-    observer.process(stick, np.inf)
-    assert observer.stuck.power.sum() > 0.0
-    observer.add(t[first:], samples_of(signal[first:]), 0.0)
-    observer.close(stick)
-    assert observer.stuck.peak() == pytest.approx(2055.0, abs=5.0)
-    assert observer.moving.power.sum() < 0.03 * observer.stuck.power.sum()
-
-
 @pytest.mark.parametrize("decay", [0.0, 40.0])
 def test_the_autocorrelation_of_a_sine_is_one_and_of_filtered_noise_its_decay(decay):
     """A complex first-order filter gives exp(-decay |lag|) cos(2 pi f lag)."""
-    frequency, n, rng, correlation = 2600.0, 400_000, np.random.default_rng(3), Correlation(1.0)
+    frequency, n, rng = 2600.0, 400_000, np.random.default_rng(3)
     noise = rng.normal(size=n) + 1j * rng.normal(size=n) if decay else np.eye(1, n)[0]
     factor = np.exp((-decay + 2j * np.pi * frequency) / RATE)
     signal = lfilter([1.0], [1.0, -factor], noise).real
-    for first in range(0, n, BLOCK):
-        correlation.add(signal[first : first + BLOCK])
+    correlation = Correlation([signal[first : first + BLOCK] for first in range(0, n, BLOCK)], 1.0)
     lag, expected = 20 * RATE / frequency, np.exp(-decay * 20.0 / frequency)
     assert correlation.near(lag, 0.025 * lag) == pytest.approx(expected, abs=0.01 if not decay else 0.08)
-    short = Correlation(1.0)
-    short.add(signal[:300])
-    assert np.isnan(short.near(lag, 10.0))
+    assert np.isnan(Correlation([signal[:300]], 1.0).near(lag, 10.0))
 
 
 @pytest.mark.parametrize(("steadiness", "regime"), [(0.001, "steady sliding"), (0.02, "irregular")])

@@ -1,5 +1,6 @@
 """Standard errors of single runs: their estimator, what they leave out, and how often they hold."""
 
+import warnings
 from dataclasses import replace
 from functools import cache
 
@@ -8,9 +9,20 @@ import pytest
 from scipy.signal import lfilter
 
 from fivcore import Beam, Rig, Scene, Until, simulate, simulate_many
-from fivcore.transient import driver
+from fivcore.errors import ThinnedWarning
+from fivcore.transient import driver, observe
 from fivcore.transient.normalised import Normalised, slip_distance
-from fivcore.transient.observe import BLOCK, FEWEST, Largest, Observer, degrees_of_freedom, errors_of_means
+from fivcore.transient.observe import (
+    BLOCK,
+    FEWEST,
+    LONG_BLOCK,
+    SLIP_RATE,
+    VELOCITY,
+    Observer,
+    degrees_of_freedom,
+    errors_of_means,
+    standard_errors,
+)
 from fivcore.transient.statistics import SAMPLE
 from studies.accuracy.rigs import drawn_scene
 from tests.helpers.runs import assert_same_summary
@@ -101,51 +113,63 @@ def test_what_never_changes_has_no_error_and_too_few_values_have_none():
     assert degrees_of_freedom(1.61, 0.1) == FEWEST < degrees_of_freedom(60.0, 0.1) < degrees_of_freedom(60.0, 0.0)
 
 
-def test_the_largest_samples_are_all_there_however_they_come():
-    """Also where they become larger and rarer all the time, and where room for them has to grow."""
+def test_quantiles_are_those_of_all_samples():
+    """Of many equal ones, of some that come early or in pieces, and with one value that was filled in."""
     rng = np.random.default_rng(2)
-    samples = rng.standard_exponential(2_400_000) * rng.integers(0, 2, 2_400_000)
-    blocks = len(samples) // BLOCK
-    whole, pieces = Largest(), Largest()
-    whole.add(samples)
-    for piece in np.array_split(samples, 97):
-        pieces.add(piece)
-    level = np.quantile(samples, 0.999)
-    expected = (samples[: blocks * BLOCK].reshape(blocks, BLOCK) > level).mean(axis=1)
-    for each in (whole, pieces):
-        assert np.array_equal(each.above(level, blocks)[:, 0], expected)
-        assert each.quantile(0.999) == pytest.approx(level, rel=1e-12)
+    rates = rng.standard_exponential((3, 300_000)) * rng.integers(0, 2, (3, 300_000))
+    rates[1, 3_000:] *= 1e-3
+    rates[2, 300:] = 0.0
+    for slip_rates in rates:
+        samples, t = np.zeros((len(slip_rates), SAMPLE)), np.arange(len(slip_rates)) * 2e-5
+        samples[:, 1] = slip_rates * rng.choice([-1.0, 1.0], len(slip_rates))
+        for value, count in ((0.0, 0), (0.1, 700_000), (0.0, 10**6)):
+            observer, filled = Observer(50e3, len(t) + count), np.append(slip_rates, np.full(count, value))
+            for piece in np.array_split(np.arange(len(t)), 7):
+                observer.add(t[piece], samples[piece], 0.0)
+            observer.repeat(t[-1], np.array([0.0, -value, 1.0]), count)
+            for share in (0.998, 0.999, 0.9995, 1.0):
+                expected = np.quantile(filled, share)
+                assert observer.quantile(SLIP_RATE, share) == pytest.approx(expected, rel=1e-9)
 
 
-def test_quantiles_below_what_is_kept_come_from_every_so_many():
-    """Where the largest came early, and where one value was filled in, also below all that is kept."""
-    rng = np.random.default_rng(4)
-    samples = rng.exponential(size=400_000) * np.repeat([1.0, 1e-3], [4_000, 396_000])
-    largest = Largest()
-    for piece in np.array_split(samples, 7):
-        largest.add(piece)
-    assert np.isnan(largest.above(largest.quantile(0.5), 9)).all()
-    for share in (0.2, 0.5, 0.9, 0.98):
-        assert largest.quantile(share) == pytest.approx(np.quantile(samples, share), rel=0.06)
-    for value in (0.1, 1e-3, 0.0):
-        largest.repeat(value, 1_600_000)
-        filled = np.append(samples, np.full(1_600_000, value))
-        for share, error in ((0.1, 0.06), (0.5, 0.06), (0.9, 0.06), (0.9995, 0.2), (0.9999, 1e-12)):
-            assert largest.quantile(share) == pytest.approx(np.quantile(filled, share), rel=error)
+def test_of_a_long_run_some_stretches_are_kept_and_counters_of_all(monkeypatch):
+    """Whatever the pieces in which it comes; the statistics of noise change by their own scatter."""
+    monkeypatch.setattr(observe, "MOST", 4 * LONG_BLOCK)
+    rng, count = np.random.default_rng(7), 9 * LONG_BLOCK + 1234
+    t, samples = np.arange(count) * 2e-5, rng.normal(size=(count, SAMPLE))
+    samples[:, 3:] = np.cumsum(np.abs(samples[:, 3:]), axis=0)
+    found = []
+    for pieces in (1, 7, 150):
+        observer = Observer(50e3, count)
+        with warnings.catch_warnings(record=True, category=ThinnedWarning, action="always") as warned:
+            for piece in np.array_split(np.arange(count), pieces):
+                observer.add(t[piece], samples[piece], 0.0)
+        (warning,) = warned
+        assert str(warning.message).startswith("statistics last longer than 5.24 s, 262144 samples: ")
+        found.append(observer)
+    for observer in found:
+        kept = np.flatnonzero(np.arange(count) // LONG_BLOCK % 4 == 0)
+        assert np.array_equal(observer.kept, np.vstack([t[kept], samples[kept, :3].T]))
+        assert np.array_equal(observer.blocks, found[0].blocks)
+        assert len(observer.blocks) == (count - 1) // BLOCK
+        assert observer.rms == pytest.approx(1.0, abs=0.01)
+        assert observer.quantile(SLIP_RATE, 0.999) == pytest.approx(3.29, abs=0.15)
+        assert np.isfinite(list(standard_errors(observer, FEWEST, np.ones(20)).values())).all()
+        assert observer.moving.power.sum() > 0.0
+        assert observer.correlation.near(100.0, 5.0) == pytest.approx(0.0, abs=0.02)
 
 
 def test_blocks_are_means_between_samples_and_begin_anew_when_settled():
     rng, count, first = np.random.default_rng(3), 10 * BLOCK + 7, BLOCK // 2
     t, samples = np.arange(count) * 2e-5, np.cumsum(rng.random((count, SAMPLE)), axis=0)
-    whole, cut = Observer(50e3), Observer(50e3)
+    whole, cut = Observer(50e3, count), Observer(50e3, count)
     whole.add(t, samples, t[first])
     for piece in np.array_split(np.arange(count), 23):
         cut.add(t[piece], samples[piece], 0.0 if piece[-1] < first else t[first])
     blocks, settled = whole.blocks, samples[first:]
     assert np.array_equal(blocks, cut.blocks)
     assert blocks[:, 1:5] == pytest.approx(np.diff(settled[::BLOCK, 3:], axis=0) / (BLOCK * 2e-5))
-    velocity = settled[: len(blocks) * BLOCK, 0].reshape(-1, BLOCK)
-    assert blocks[:, 5:7] == pytest.approx(np.stack([velocity.mean(axis=1), velocity.var(axis=1)], 1))
+    assert np.array_equal(whole.by_block(VELOCITY), settled[: len(blocks) * BLOCK, 0].reshape(-1, BLOCK))
     assert whole.rms == pytest.approx(settled[:, 0].std(), rel=1e-12) == cut.rms
     assert whole.spread(0.0) == np.inf
 

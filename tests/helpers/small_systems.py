@@ -15,7 +15,7 @@ from fivcore.transient.fast.run import aligned
 from fivcore.transient.fast.skip import NONE, workspace_for
 from fivcore.transient.fast.solver import Solver, put, take
 from fivcore.transient.normalised import Normalised, State
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import ENERGIES, SAMPLE, SEPARATION, SLIP, begin, count_in
 
 # Columns of a record: time, normal and tangential force, slip velocity and contact state.
@@ -143,7 +143,7 @@ def by_exact(system, duration, step, every=8):
     speed = system.V if system.V else 1e-300
     scene = Normalised(Rig(), 0.0, speed, system.mu, 1.0, 1.0)
     given = {"initial": State(system.q, system.v, system.contact), "ramp": 0.0, "settle": 0.0, "step": step}
-    options = Options(duration, "exact", record=("state",), sample_rate=1.0 / step, **given)
+    options = RunOptions(duration=duration, method="exact", record=("state",), sample_rate=1.0 / step, **given)
     rows, places = [], []
     with (
         mock.patch.object(exact, "reduced_model", return_value=system.model),

@@ -11,7 +11,7 @@ from fivcore.contact.reduced import full_model, reduced_model
 from fivcore.transient import exact
 from fivcore.transient.exact import ExactRun, states_at
 from fivcore.transient.normalised import Normalised, State, slip_distance
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 from tests.helpers.exact_runs import counted, energy_residual, run_for
 from tests.helpers.rigs import workshop_rig
 
@@ -24,7 +24,7 @@ LONG, EPS = np.longdouble, np.finfo(float).eps
 def exact_run(scene=SCENE, kind=ExactRun, duration=1.0, **given):
     """A run that counts from its start."""
     usual = {"ramp": RAMP, "cutoff": CUTOFF, "settle": 0.0}
-    return kind(scene, Options(duration, "exact", **usual | given))
+    return kind(scene, RunOptions(duration=duration, method="exact", **usual | given))
 
 
 class Reference:

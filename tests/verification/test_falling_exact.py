@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from fivcore import ContactError, Friction, Scene, Structure, simulate
 from fivcore.transient.exact import ExactRun, states_at
 from fivcore.transient.normalised import Normalised, State
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import SLIP, STICK
 from tests.helpers.exact_runs import energy_residual, run_for
 
@@ -37,7 +37,8 @@ def on_belt(V, friction, xi=0.0, F=1.0):
 def sticks_of(V, friction, duration, xi=0.0):
     """Begin and end of each stick that ends, but the first."""
     scene, given = on_belt(V, friction, xi)
-    run = ExactRun(scene, Options(duration, "exact", step=0.05, min_stick=1e-3, settle=0.0, **given))
+    options = RunOptions(duration=duration, method="exact", step=0.05, min_stick=1e-3, settle=0.0, **given)
+    run = ExactRun(scene, options)
     sticks = []
     while not run.done:
         run.advance()
@@ -142,7 +143,7 @@ RIG = Scene(0.02, 5.0, 0.2, 9.0, friction=Friction(0.5, 0.2))
 def test_the_energy_balance_of_the_papers_rig(friction):
     """Slip begins after 8 ms."""
     scene = Normalised.of(replace(RIG, friction=friction))
-    run = run_for(ExactRun(scene, Options(0.0105, "exact", settle=0.0)))
+    run = run_for(ExactRun(scene, RunOptions(duration=0.0105, method="exact", settle=0.0)))
     assert run.record["first_slip"] < 0.008
     assert run.record["slip_time"] > 1e-3
     assert energy_residual(run) < 1e-10

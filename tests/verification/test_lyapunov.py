@@ -2,12 +2,11 @@
 
 from copy import copy
 from dataclasses import asdict
-from inspect import signature
 
 import numpy as np
 import pytest
 
-from fivcore import Friction, Rig, Scene, State, Structure, lyapunov_exponent, simulate
+from fivcore import Friction, Options, Rig, Scene, State, Structure, lyapunov_exponent, simulate
 from fivcore.contact.reduced import reduced_model
 from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.transient import lyapunov
@@ -24,9 +23,7 @@ IMPULSES = {"g_N": ("after_q", 0, 1), "g_T": ("after_q", 1, 2), "v_N": ("after_v
 
 
 def begun(scene, duration, **options):
-    given = signature(simulate).bind(scene, duration, leap=False, end_early=False, **options)
-    given.apply_defaults()
-    return FastRun(*request(given.arguments.pop("scene"), given.arguments)[1:])
+    return FastRun(*request(scene, duration, Options(skip_sticks=False, end_early=False, **options))[1:])
 
 
 def taken(run, steps):

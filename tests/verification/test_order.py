@@ -13,7 +13,7 @@ from fivcore.transient.fast import layout
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.fast.solver import take
 from fivcore.transient.normalised import Normalised
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 from fivcore.transient.published import BETA2, STEP
 from studies.accuracy.ablation import truncated, with_dashpot
 from tests.helpers.small_systems import System, stepped
@@ -56,7 +56,7 @@ GIVEN = {"ramp": 1e-3, "cutoff": 75e3}
 def fast_state(step, time, modify=None):
     """Displacements of fast in the middle of the step that contains `time`, which is such a middle."""
     steps = round(time / step - 0.5)
-    run = FastRun(SCENE, Options(steps * step, modify=modify, step=step, **GIVEN))
+    run = FastRun(SCENE, RunOptions(duration=steps * step, modify=modify, step=step, **GIVEN))
     assert run.steps == steps
     while not run.done:
         run.advance()

@@ -8,7 +8,7 @@ import pytest
 from fivcore import Rig, Scene, State, simulate
 from fivcore.contact.reduced import full_model
 from fivcore.transient.normalised import Normalised
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 from fivcore.transient.published import STEP, PaperRun, largest_step
 from tests.helpers.transient_reference import SEPARATION, SLIP, STICK, finite_elements, nodal, published_scheme
 from tests.known import COARSE, LARGEST_STEPS
@@ -77,7 +77,9 @@ def test_modes_move_as_the_finite_elements_do(case, contact):
 def displaced(scene, start, dt, steps):
     """Modal displacements after some steps, per newton of load."""
     initial = State(start.displacement / scene.F, start.velocity / scene.F, start.contact)
-    run = PaperRun(Normalised.of(scene), Options(steps * dt, "paper", ramp=2e-5, initial=initial, step=dt))
+    run = PaperRun(
+        Normalised.of(scene), RunOptions(duration=steps * dt, method="paper", ramp=2e-5, initial=initial, step=dt)
+    )
     assert run.steps == steps
     while not run.done:
         run.advance()

@@ -26,7 +26,7 @@ from fivcore.transient.fast.skip import NONE, SkipTables, skip_tables, workspace
 from fivcore.transient.fast.solver import Solver, put, solver_of, take
 from fivcore.transient.fast.steady import NEAR, SteadySliding, sliding_growth, steady_sliding
 from fivcore.transient.normalised import Normalised, State, displacement, residual_gaps, slip_distance
-from fivcore.transient.options import Options
+from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import (
     FIELDS,
     SAMPLE,
@@ -66,7 +66,7 @@ class FastRun:
 
     begun = 0.0
 
-    def __init__(self, scene: Normalised, options: Options) -> None:
+    def __init__(self, scene: Normalised, options: RunOptions) -> None:
         self.scene, self.options = scene, options
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
         self.step = checked_step(model, scene, options)
@@ -169,7 +169,7 @@ class FastRun:
         if contact == STICK:
             record["next_skip"] = 0
 
-    def again(self, options: Options) -> FastRun:
+    def again(self, options: RunOptions) -> FastRun:
         """Return a run that continues this one after its end."""
         run: FastRun = duplicate(self)
         run.blocks, run.options, run.begun = aligned(self.blocks), options, self.time
@@ -270,7 +270,7 @@ class FastRun:
             # In the first segments a start that is no rest may decay within less than a sample.
             decay = float(self._coarse.model.damping.max()) * self._coarse.model.interval
             self._fine_energy = self.time < self._short and decay > FAST_DECAY
-        if self._phase in (BEFORE_SLIP, MOTION) and self.options.skip and now * self.step >= self._ramp:
+        if self._phase in (BEFORE_SLIP, MOTION) and self.options.skip_sticks and now * self.step >= self._ramp:
             tables = skip_tables(solver.model, solver.step, every)
         last = self._until
         if rows:
@@ -435,7 +435,7 @@ class FastRun:
             yield Segment(np.zeros(0), np.empty((0, SAMPLE)), rows=written)
         if count > 0:
             t = np.array([(begin * every + 0.5) * step])
-            yield Segment(t, np.array([sample]), further=count - 1)
+            yield Segment(t, np.array([sample]), repeated=count - 1)
 
     # Energy.
 
@@ -467,7 +467,7 @@ class FastRun:
         return bool(np.isfinite(moving).all())
 
 
-def checked_step(model: ReducedModel, scene: Normalised, options: Options) -> float:
+def checked_step(model: ReducedModel, scene: Normalised, options: RunOptions) -> float:
     """Step of a run, s, if steps so long are stable, so short not too many, and have a unique solution."""
     step = default_step(model, scene, options.duration) if options.step is None else options.step
     limit, what = model.largest_step, "the contact"
