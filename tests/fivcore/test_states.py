@@ -14,6 +14,7 @@ from fivcore.contact.reduced import full_model
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import RunOptions
+from fivcore.transient.statistics import first_counted
 from fivcore.transient.stepped import duplicate
 
 SCENE = Scene(2e-3, 5.0, 0.2, 9.0)
