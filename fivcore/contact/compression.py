@@ -20,8 +20,10 @@ from scipy.linalg import qr, solve_triangular
 from fivcore.beams.modes import EPS, one_blas_thread
 from fivcore.jit import Array, kernel, reordered_call
 
-# Modes with p above FAR times the band's largest |lambda| are far, and BLOCKS of two replace them.
-FAR, BLOCKS = 16.0, 6
+# Modes with p above FAR times the band's largest |lambda| are far, and BLOCKS of two replace them: more blocks
+# would add rounding to small couplings of normal and tangential motion. With modal damping they are far above
+# FAR_MODAL times it.
+FAR, BLOCKS, FAR_MODAL = 40.0, 5, 16.0
 # A node of the quadrature is at least this share of the largest; below, its mode is nothing but compliance.
 STATIC_NODE = 1e-15
 # Points at which responses are interpolated, in units of 2 pi fmax.

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from fivcore.beams.modes import EPS, one_blas_thread
-from fivcore.contact.compression import BLOCKS, FAR, STATIC_NODE, compressed, interpolated
+from fivcore.contact.compression import BLOCKS, FAR, FAR_MODAL, STATIC_NODE, compressed, interpolated
 from fivcore.errors import InputError
 from fivcore.jit import Array, Complex, kernel
 from fivcore.structure import Structure
@@ -117,7 +117,7 @@ def band_modes(own: Structure, fmax: float, falling: bool = False) -> BandModes:
             )
         away = np.zeros(len(p))
     few = compressed(p, c, g, away > NEAR, FEW)
-    far = away > FAR
+    far = away > (FAR if rayleigh else FAR_MODAL)
     if rayleigh:
         p, c, g = compressed(p, c, g, far, BLOCKS)
     residues = g[[0, 0, 1]] * g[[0, 1, 1]]
