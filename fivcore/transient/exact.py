@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.law import DiscreteContact, resistance
 from fivcore.contact.reduced import default_cutoff, modified, reduced_model
 from fivcore.errors import ContactError, DivergenceError, SceneValueError, not_unique
@@ -106,7 +107,7 @@ class ExactRun(SteppedRun):
             y[n : 2 * n] = initial.velocity[model.kept]
             if not self.rigid:
                 y[2 * n :] = residual_gaps(scene, model.kept, initial) - self._gaps_at_rest
-        # The acceleration in a ramp of 10 ns is so large that the motion would be lost in its rounding.
+        # In a ramp of 10 ns the acceleration is so large that the motion would be lost in its rounding.
         self._ramp = options.ramp if options.ramp >= SHORT * unit else 0.0
         if initial is not None and initial.running:
             self._ramp = 0.0
@@ -302,6 +303,7 @@ class ExactRun(SteppedRun):
         return bool(np.isfinite(y).all())
 
 
+@one_blas_thread()
 def growth(system: Any, size: int, which: int) -> float:
     """Largest growth rate of a contact status, 1/s, of motion so small that friction is linear in it."""
     drive, columns = np.zeros(3), np.empty((size + 1, size))
