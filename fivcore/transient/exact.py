@@ -124,23 +124,26 @@ class ExactRun(SteppedRun):
         return q, v, u + self._gaps_at_rest
 
     def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
-        self._go(last * self.step, samples, rows, sticks)
+        # Between segments it stops at a reading, so that they leave no trace in the motion.
+        self._go((last if last in (self.pause, self.steps) else last - 0.5) * self.step, samples, rows, sticks)
 
     def _go(self, goal: float, samples: Array, rows: Array, sticks: Array) -> None:
         """Follow the motion up to the time `goal`."""
         while (t := float(self._motion[-3])) < goal:
             boundary, acceleration = self._drive(t)
-            deaf, drive = self._deaf > t, np.array([t, self._clamp_velocity(t), acceleration])
+            before = self._motion[-7:-3].copy()
+            deaf, drive = (
+                self._deaf > t,
+                np.array([0.0, 0.0 if acceleration else self._clamp_velocity(t), acceleration]),
+            )
             end = min(goal, boundary, self._deaf if deaf else goal)
             event = kernels.follow(
                 self._motion, self._which, self._origin, end, not deaf, self._system, drive, self._zeros,
                 self.step, self.record, samples, rows, sticks,
             )  # fmt: skip
-            t, exchanged = float(self._motion[-3]), self._motion[-7:-3]
-            for name, amount in zip(ENERGIES, exchanged, strict=False):
-                self.record[name] += amount
-            exchanged[:] = 0.0
-            y = self._motion[:-7].copy()
+            t, y = float(self._motion[-3]), self._motion[:-7].copy()
+            for name, gained in zip(ENERGIES, self._motion[-7:-3] - before, strict=False):
+                self.record[name] += gained
             if event > NOTHING and t - self._origin < self._dwell:
                 self._deaf = self._origin + self._dwell
                 self.held += 1
@@ -318,17 +321,25 @@ def slipping_force(N: float, T: float, m: float, resistance: Array) -> float:
 
 
 def states_at(
-    scene: Normalised, times: Array, *, ramp: float, cutoff: float | None = None, initial: State | None = None
+    scene: Normalised,
+    times: Array,
+    *,
+    ramp: float,
+    cutoff: float | None = None,
+    initial: State | None = None,
+    step: float | None = None,
 ) -> Array:
-    """Exact motion at ascending `times` (m,), s; the others are options.
+    """Exact motion at ascending `times` (m,), s; the others are options, without a step as few as possible.
 
     Returns modal displacements, modal velocities, those of P2 relative to its clamp, and (u_N, u_T),
     (m, 2n + 2); displacements are deviations from those under the load alone; normalised (F = 1).
     """
     end = float(times[-1]) + DWELL
-    options = RunOptions(duration=end, method="exact", ramp=ramp, cutoff=cutoff, initial=initial, step=end)
+    options = RunOptions(duration=end, method="exact", ramp=ramp, cutoff=cutoff, initial=initial, step=step or end)
     run = ExactRun(scene, options)
-    states, nowhere = [], (np.empty((2, SAMPLE)), np.empty((2, 6)), np.empty((2, 2)))
+    # Nothing is kept but the states.
+    run.record["sample_every"], run.record["stick_room"] = np.iinfo(np.int64).max, 0
+    states, nowhere = [], (np.empty((1, SAMPLE)), np.empty((1, 6)), np.empty((1, 2)))
     for t in times:
         run._go(float(t), *nowhere)
         states.append(run._motion[:-7].copy())

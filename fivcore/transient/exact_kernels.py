@@ -184,14 +184,24 @@ def _error(h: float, z: Any, new: Any, stages: Any, zero: Any) -> float:
 
 
 @reordered_call
-def _keep_closed(z: Any, normal: Any, mobility: float) -> None:
-    """Take back what rounding has opened between rigid surfaces."""
-    n, gap, rate = len(normal), 0.0, 0.0
+def _keep_closed(z: Any, which: int, system: Any, P: float) -> None:
+    """Take back what rounding has opened of a closed contact: u_N, or q and v between rigid surfaces."""
+    shapes, K, W = system[2], system[5], system[7]
+    n, gap, v_N, v_T = shapes.shape[1], 0.0, 0.0, -P
     for j in range(n):
-        gap, rate = gap + normal[j] * z[j], rate + normal[j] * z[n + j]
+        gap += shapes[0, j] * z[j]
+        v_N += shapes[0, j] * z[n + j]
+        v_T += shapes[1, j] * z[n + j]
+    if K[0, 0] != 0.0:
+        z[2 * n] = -gap
+        return
+    gap, N, T = gap / W[0, 0], v_N / W[0, 0], 0.0
+    if which == STICK:
+        determinant = W[0, 0] * W[1, 1] - W[0, 1] * W[1, 0]
+        N, T = (W[1, 1] * v_N - W[0, 1] * v_T) / determinant, (W[0, 0] * v_T - W[1, 0] * v_N) / determinant
     for j in range(n):
-        z[j] -= normal[j] * (gap / mobility)
-        z[n + j] -= normal[j] * (rate / mobility)
+        z[j] -= shapes[0, j] * gap
+        z[n + j] -= shapes[0, j] * N + shapes[1, j] * T
 
 
 @kernel
@@ -229,6 +239,8 @@ def follow(
         taken = min(h, goal - t)
         reaches = taken == goal - t
         place = _step(t, z, taken, which, system, drive, zeros, stages, new)
+        if which != SEPARATION:
+            _keep_closed(new, which, system, drive[1] + (t + taken - drive[0]) * drive[2])
         after = rates(t + taken, new, which, system, drive, stages[12])
         error = _error(taken, z, new, stages, zeros[3:])
         if not error < 1.0:
@@ -269,8 +281,6 @@ def follow(
                 taken = high
         t = goal if reaches else t + taken
         z[:], values, stages[0] = new, after, stages[12]
-        if system[5][0, 0] == 0.0 and which != SEPARATION:
-            _keep_closed(z, system[2][0], system[7][0, 0])
     motion[m], motion[m + 1], motion[m + 2] = t, h, i
     return event
 

@@ -275,6 +275,7 @@ def _gap(spec: RunSpec, run: Transient) -> float:
     model, load, first = spec.model, spec.arguments["F"], spec.initial
     at, n = np.unique(np.linspace(0, len(run.time) - 1, INSTANTS).astype(int)), len(model.normal)
     options = {"cutoff": None, **spec.chosen("cutoff", "ramp")}
+    options["step"] = spec.step
     options["initial"] = first and State(first[0] / load, first[1] / load, first[2])
     q, v, u = np.split(states_at(Normalised.of(spec.scene), run.time[at], **options), [n, 2 * n], axis=1)
     opening = (q + model.static_equilibrium) @ model.normal
