@@ -108,7 +108,6 @@ def fit(
     *,
     samples: int | None = None,
     rounds: int | None = None,
-    seed: int | None = None,
     out: str | Path | None = None,
     fresh: bool = False,
     scheduler: Any = None,
@@ -121,20 +120,17 @@ def fit(
     `rounds` rounds of `samples` draws each, by default 4 of 128; other options and errors are those of `run`. The
     dataset has along `draw` each unknown, the `round`, the `weight` and the prediction of each target.
     """
-    from studies import registry, runner
+    from functools import partial
+
+    from studies import registry, results, runner
     from studies.fitting import presentation
-    from studies.fitting import rounds as fitting
     from studies.fitting.problem import read
+    from studies.fitting.rounds import run as fitted
     from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
-    one = read(problem, registry.resolve, samples=samples, rounds=rounds, seed=seed)
-    file, how = fitting.file_of(one, out), runner.backend(scheduler, workers)
-
-    def execute(planned: Plan) -> xr.Dataset:
-        with _callback(planned, progress) as callback:
-            return planned.run(*how, callback)
-
-    dataset = fitting.run(one, file, execute, fresh=fresh)
+    one, watch = read(problem, registry.resolve, samples=samples, rounds=rounds), partial(_callback, progress)
+    file = results.file_of_fit(one.name, out)
+    dataset = fitted(one, file, runner.backend(scheduler, workers), watch, fresh=fresh)
     runner.plot(presentation.study(dataset), dataset, file)
     return dataset
 
@@ -143,11 +139,11 @@ def _executed(study: Study, planned: Plan, scheduler: Any, workers: Any, progres
     from studies import runner
     from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
-    with _callback(planned, progress) as callback:
+    with _callback(progress, planned) as callback:
         return runner.execute(study, planned, *runner.backend(scheduler, workers), callback).dataset
 
 
-def _callback(planned: Plan, progress: Any) -> AbstractContextManager[Progress | None]:
+def _callback(progress: Any, planned: Plan) -> AbstractContextManager[Progress | None]:
     from contextlib import nullcontext
 
     from studies.cli.progress import bar
@@ -162,25 +158,24 @@ def measure(
     rate: float | str | None = None,
     channel: int | str | None = None,
     band: tuple[float, float] = (200.0, 10e3),
-    start: float = 0.0,
 ) -> dict[str, Any]:
     """Look at one measured signal as at the velocity of B of a run; nothing is integrated.
 
     The file is CSV or other text, WAV, a universal file with data sets 58, or MATLAB up to v7. `unit` is that of
     its numbers, or with a number what 1 in it is, "50mm/s"; `rate` is in Hz or "50kHz"; `channel` is a name or a
-    number, from 1. The dominant frequency is in the `band`, Hz; what is before `start`, s, is left out.
+    number, from 1. The dominant frequency is in the `band`, Hz.
 
     The names are those of a `Transient.summary`, `dominant_frequency`, `periodicity`, `velocity_rms` and its `_se`
     (`signal_rms` where the unit is none of speed), but in the signal's own `unit`. A signal does not know the
-    contact: in place of long sticks it has quiet spells (`studies.measured.signal`), with `quiet_fraction`,
+    contact: in place of long sticks it has quiet spells (`studies.measured`), with `quiet_fraction`,
     `quiet_times`, `quiet_starts`, s, and `quiet_frequency`, Hz. `line_frequencies` outside of them are in Hz,
     `line_levels` in dB below the strongest. Above 5 samples in a period of the band's end the signal is decimated,
     to `analysed_rate`. A standard error is NaN where the signal is shorter than 16 cycles of spell and burst, that
     of `mean_quiet_time` with fewer than 12 spells. An `InputError` says what is wrong with a file or missing.
     """
-    from studies.measured import files, signal
+    from studies import measured
 
-    return signal.statistics(files.read(path, unit, rate, channel), band, start)
+    return measured.statistics(measured.read(path, unit, rate, channel), band)
 
 
 def open(name: str | Path, out: str | Path | None = None) -> xr.Dataset:

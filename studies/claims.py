@@ -10,9 +10,9 @@ import numpy as np
 
 from studies import labels, paper
 from studies.motion import regimes
-from studies.nearest import nearest
 from studies.parameters import RIG
 from studies.results import settings, structure_in
+from studies.spec import nearest
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -91,26 +91,18 @@ def beside(dataset: xr.Dataset, claims: Sequence[Claim]) -> pd.DataFrame:
 
 def answer(dataset: xr.Dataset, claim: Claim) -> xr.DataArray | None:
     """The value or the values that a claim is about; None where the result lacks them."""
-    if claim.variable not in dataset:
-        return None
-    fixed, found = settings(dataset), dataset[claim.variable]
+    fixed, found = settings(dataset), dataset.get(claim.variable)
     for name, value in (POINT | dict(claim.at)).items():
+        if found is None or not found.size or (isinstance(value, tuple) and name not in found.dims):
+            return None
         if isinstance(value, tuple):
-            if name not in found.dims:
-                return None
             found = found.isel({name: (found[name].values > value[0]) & (found[name].values < value[1])})
-            if not found.size:
-                return None
         elif name in found.dims and name in dataset.coords:
-            if not dataset.sizes[name]:
-                return None
-            if dataset[name].dtype.kind in "iuf":
-                values = dataset[name].values
+            values = dataset[name].values
+            if values.dtype.kind in "iuf":
                 near, matches = nearest(values, float(value))
-                if not (matches or (claim.cells and values.min() <= value <= values.max())):
-                    return None
-                value = near
-            elif value not in dataset[name].values:
+                value = near if matches or (claim.cells and values.min() <= value <= values.max()) else np.nan
+            if value not in values:
                 return None
             found = found.sel({name: value})
         elif name in found.dims:
@@ -120,31 +112,27 @@ def answer(dataset: xr.Dataset, claim: Claim) -> xr.DataArray | None:
             found = found.isel({name: int(value)}).assign_coords({name: int(value) + 1})
         elif name in fixed and fixed[name] != value:
             return None
-    return found
+    return found if found is not None and found.size else None
 
 
 def _interval(dataset: xr.Dataset, claim: Claim) -> str:
     """The interval of a claim's answer, if the result has one."""
     ends = [answer(dataset, replace(claim, variable=f"{claim.variable}_{end}")) for end in ("low", "high")]
-    texts = [
-        labels.number(labels.unit_of(end)[1] * float(end)) for end in ends if end is not None and end.size == 1
-    ]
+    known = [labels.readable(end).item() for end in ends if end is not None and end.size == 1]
+    texts = [labels.number(end) for end in known]
     return f" ({' to '.join(texts)})" if len(texts) == 2 and "-" not in texts else ""
 
 
 def _row(claim: Claim, found: xr.DataArray, interval: str) -> tuple[Any, ...]:
     # Parameters that the claim leaves out are listed only where they differ from the paper's.
-    others = [
-        name for name in POINT if name in found.coords and name not in claim.at and found[name] != POINT[name]
-    ]
+    left_out = [name for name in POINT if name in found.coords and name not in claim.at]
+    others = [name for name in left_out if found[name] != POINT[name]]
     place = ", ".join(_place(found, name, claim.at.get(name, 0.0)) for name in (*claim.at, *others))
     unit, factor = labels.unit_of(found)
     quantity = f"{claim.variable.replace('_', ' ')} {unit}".strip()
     if isinstance(claim.value, str):
-        words, (text, meant) = (
-            {*labels.words(found).ravel()},
-            MEANT.get(claim.value, (claim.value, (claim.value,))),
-        )
+        words = {*labels.words(found).ravel()}
+        text, meant = MEANT.get(claim.value, (claim.value, (claim.value,)))
         deviation = "-" if words == {"-"} else "none" if words <= {*meant} else "differs"
         return quantity, place, text, ", ".join(sorted(words)), deviation, claim.section
     value, low, high = (factor * float(each) for each in (claim.value, found.min(), found.max()))

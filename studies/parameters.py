@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -108,6 +108,13 @@ def suggest(name: str, names: Any) -> str:
     near += [each for each in known if each.endswith(f"_{name}")]
     near = near or [each for each in known if long and name in each]
     return f"did you mean {' or '.join([*dict.fromkeys(near)][:2])}? " if near else ""
+
+
+def check_keys(table: Mapping[str, Any], known: Collection[str], more: str = "") -> None:
+    """Refuse a key of a file that is none of those known."""
+    for key in table:
+        if key not in known:
+            raise InputError(f"{key}: no such key; {suggest(key, known)}the keys are {', '.join(known)}{more}")
 
 
 def rig_numbers(rig: Rig) -> dict[str, Any]:

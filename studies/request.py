@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ import numpy as np
 import sweeps
 from fivcore import Structure
 from studies import spec
-from studies.parameters import USUAL, suggest
+from studies.parameters import USUAL, check_keys
 from studies.results import configuration, expanded, open_dataset, settings, structure_in
 from studies.units import convert
 from sweeps import InputError
@@ -109,7 +110,7 @@ class Request:
     def bears_unit(self, name: str) -> bool:
         """Whether a value was typed with a unit."""
         value = self.values.get(name)
-        return isinstance(value, str) and bool(re.search(r"[A-Zabcdf-zµ°%]", value.removeprefix("log:")))
+        return isinstance(value, str) and spec.bears_unit(value)
 
 
 def is_distribution(value: Any) -> bool:
@@ -170,16 +171,11 @@ def read(file: str | Path, option: str = "--config") -> Request:
     """The request of a TOML file, or with the structure of one; an `InputError` says what is wrong with it."""
     if Path(file).suffix == ".nc":
         return Request(structure=structure_of(file))
-    try:
-        content = tomllib.loads(expanded(file).read_text("utf-8"))
+    with toml(file, f"{option} {file}") as content:
         if not content.keys().isdisjoint(STRUCTURE):
             return Request(structure=structure_of(file))
+        check_keys(content, KEYS, f"; of a structure {' or '.join(STRUCTURE)}")
         for key, value in content.items():
-            if key not in KEYS:
-                raise InputError(
-                    f"{key}: no such key; {suggest(key, KEYS)}the keys are {', '.join(KEYS)}; of a structure "
-                    f"{' or '.join(STRUCTURE)}"
-                )
             kinds, allowed = KEYS[key]
             if not isinstance(value, kinds) or isinstance(value, bool):
                 raise InputError(f"{key} = {value!r}: it must be {allowed}")
@@ -189,12 +185,19 @@ def read(file: str | Path, option: str = "--config") -> Request:
         for name in values.keys() & scatter.keys():
             raise InputError(f"{name}: it is in set and in scatter; give one of the two")
         return Request(**{**content, "values": values | scatter, "record": tuple(content.get("record", ()))})
+
+
+@contextmanager
+def toml(file: str | Path, where: str) -> Iterator[dict[str, Any]]:
+    """The content of a TOML file; an `InputError`, also of what is done with it, begins with `where`."""
+    try:
+        yield tomllib.loads(expanded(file).read_text("utf-8"))
     except OSError as problem:
-        raise InputError(f"{option} {file}: it cannot be read: {problem.strerror}") from None
+        raise InputError(f"{where}: it cannot be read: {problem.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
-        raise InputError(f"{option} {file}: it is not TOML: {problem}") from None
-    except InputError as problem:
-        raise InputError(f"{option} {file}: {str(problem).removeprefix(f'{file}: ')}") from None
+        raise InputError(f"{where}: it is not TOML: {problem}") from None
+    except ValueError as problem:
+        raise InputError(f"{where}: {str(problem).removeprefix(f'{file}: ')}") from None
 
 
 def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Request:

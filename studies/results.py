@@ -63,6 +63,11 @@ def file_of(study: str, out: str | Path | None = None) -> Path:
     return results_folder(out) / study / f"{study}.nc"
 
 
+def file_of_fit(name: str, out: str | Path | None = None) -> Path:
+    """The netCDF file of a fit, by its name."""
+    return file_of(name, results_folder(out) / FITS)
+
+
 def reference_folder(out: str | Path | None = None) -> Path:
     """The repository's own outcomes: below the results folder, else below `results` of the current folder."""
     folder = results_folder(out) / REFERENCE
@@ -84,7 +89,7 @@ def results_file(name: str | Path, out: str | Path | None = None) -> Path:
     text = os.fspath(name)
     if is_path(text):
         return expanded(text)
-    own = results_folder(out) / MAPS / f"{text}.nc", file_of(text, results_folder(out) / FITS)
+    own = results_folder(out) / MAPS / f"{text}.nc", file_of_fit(text, out)
     places = [file_of(text, out), *own, file_of(text, reference_folder(out))]
     return next((file for file in places if sweeps.Store(file).exists()), places[0])
 

@@ -1,4 +1,4 @@
-"""SPEC, the way values are written on the command line."""
+"""SPEC, the way values are written on the command line, and which value of an axis a number means."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from operator import mul
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from studies.units import UnitError, convert
 from sweeps import InputError
@@ -19,6 +19,9 @@ FORMS = "0.2 | 1e-3,2e-3,5e-3 | 0:0.5:101 (start:stop:count) | log:1e-4:1e-2:30,
 NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
 QUANTITY = re.compile(rf"{NUMBER}([A-Za-zµμΩ°%].*?)?\s*", re.ASCII)  # a number and its unit
 MOST_VALUES = 10_000_000
+# How far a number may be from the axis's value nearest to it: this share of that value's distance from its own
+# nearest neighbour; on an axis with one value, this share of the value.
+OF_SPACING, OF_VALUE = 1e-3, 1e-6
 EXACT = Context(prec=40)  # so many digits that no step of a range changes the 15th
 
 
@@ -143,6 +146,11 @@ def _floats(values: Iterable[Decimal | float]) -> NDArray[Any]:
     return np.array([float(f"{value:.15g}") for value in values])
 
 
+def bears_unit(text: str) -> bool:
+    """Whether there is a unit in SPEC."""
+    return bool(re.search(r"[A-Zabcdf-zµ°%]", text.removeprefix("log:")))
+
+
 def typed(value: float | str) -> str:
     """A number as one types it, with all its digits; a word as it is."""
     return str(value) if isinstance(value, (str, int)) else repr(float(value)).removesuffix(".0")
@@ -153,3 +161,16 @@ def finite(text: str) -> float:
     if not (re.fullmatch(NUMBER, text, re.ASCII) and np.isfinite(float(text))):
         raise InputError(f"{text!r} must be a finite number")
     return float(text)
+
+
+def nearest(values: ArrayLike, number: float) -> tuple[Any, bool]:
+    """The value of an axis nearest to a number, and whether it is near enough to be meant.
+
+    0.1 + 0.2 finds 0.3, and a value in six digits is found again, on even axes and on logarithmic ones.
+    """
+    ordered = np.unique(np.asarray(values))
+    away = np.abs(ordered.astype(float) - number)
+    place = int(np.argmin(away))
+    gaps = np.diff(ordered[max(place - 1, 0) : place + 2].astype(float))
+    allowed = OF_SPACING * gaps.min() if len(gaps) else OF_VALUE * abs(float(ordered[place]))
+    return ordered[place], bool(away[place] <= allowed)

@@ -504,34 +504,27 @@ class Call:
     def arguments(self, numbers: Mapping[str, Any], count: int) -> dict[str, Any]:
         """Arguments of the function for `count` points."""
         signature = inspect.signature(self.function).parameters
-        given: dict[str, Any] = {}
         if self.normalised:
             scaled = scenes.normalised(numbers, count, steady="scenes" not in signature)
             numbers = {**numbers, **{name: column for name, column in scaled.items() if name in numbers}}
+        own: dict[str, Any] = {"record": (), "distributions": {}, **numbers, "times": self.times}
         if "rig" in signature:
-            given["rig"] = scenes.rig_of(numbers)
+            own["rig"] = scenes.rig_of(numbers)
         if "scenes" in signature:
             steps = [scenes.scenes_of(each, count) for each in _steps(numbers, self.followed)]
-            given["scenes"] = list(zip(*steps, strict=True)) if self.followed else steps[0]
-        if "times" in signature:
-            given["times"] = self.times
-        if "record" in signature:
-            given["record"] = numbers.get("record", ())
-        if "distributions" in signature:
-            given["distributions"] = numbers.get("distributions", {})
-        consumed = {*RIG, *(SCENE | FRICTION if "scenes" in signature else ()), "record", "distributions"}
-        takes_rest = any(p.kind is inspect.Parameter.VAR_KEYWORD for p in signature.values())
-        for name, value in numbers.items():
-            if name in signature or (takes_rest and name in self.parameters and name not in consumed):
-                given.setdefault(name, value)
-        return given
+            own["scenes"] = list(zip(*steps, strict=True)) if self.followed else steps[0]
+        # What a rig and scenes consist of goes to those who name it.
+        parts = {*RIG, *(SCENE | FRICTION if "scenes" in signature else ())}
+        rest = {name: value for name, value in numbers.items() if name in self.parameters and name not in parts}
+        return {name: value for name, value in own.items() if name in signature} | _chosen(signature, rest)
 
 
 def compute(call: Call, points: Mapping[str, Any], **fixed: Any) -> dict[str, Any]:
     """Call a study's function for each group of points that share the common parameters, and join the results."""
     count = len(next(iter(points.values())))
     groups = _groups({name: points[name] for name in call.common}, count)
-    results: list[Mapping[str, Any] | Exception] = []
+    joined: dict[str, Any] = {"error": np.full(count, None)}
+    done = False
     for common, chosen in groups:
         numbers = {**fixed, **{name: values[chosen] for name, values in points.items()}, **common}
         size = len(next(iter(points.values()))[chosen])
@@ -542,33 +535,24 @@ def compute(call: Call, points: Mapping[str, Any], **fixed: Any) -> dict[str, An
                 found["error"] = [_without_scene(each) for each in found["error"]]
             # Without an argument that varies all points have one result, as those of a table that repeat.
             repeats = given.keys().isdisjoint({"scenes", *(points.keys() - {*call.common})})
-            results.append({k: _padded(k, v, size, call.shapes.get(k), repeats) for k, v in found.items()})
+            found = {k: _padded(k, v, size, call.shapes.get(k), repeats) for k, v in found.items()}
         except BatchError as problem:
             # Every point fails: the engine would hide the mistake, since batches of a single point succeed.
-            results.append({"error": [problem] * size} if len(groups) == 1 else problem)
+            found = {"error": [problem] * size}
         except (ValueError, ArithmeticError, SceneError) as problem:
             own = _without_scene(problem) if call.normalised else problem
             if len(groups) == 1:
                 raise own from None
-            results.append(own)
-    if len(groups) == 1:
-        assert isinstance(results[0], Mapping)
-        return dict(results[0])
-    done = next((each for each in results if isinstance(each, Mapping)), None)
-    if done is None:
-        assert isinstance(results[0], Exception)
-        raise results[0]
-    joined: dict[str, Any] = {"error": np.full(count, None)}
-    for name in {**done, "error": None}:
-        for (_, chosen), result in zip(groups, results, strict=True):
-            if isinstance(result, Exception):
-                if name == "error":
-                    joined["error"][chosen] = result
-                continue
-            if name in result:
-                part = np.asarray(result[name])
-                whole = joined.setdefault(name, np.zeros((count, *part.shape[1:]), part.dtype))
-                whole[chosen] = part
+            joined["error"][chosen] = own
+            continue
+        if len(groups) == 1:
+            return found
+        done = True
+        for name, value in found.items():
+            part = np.asarray(value)
+            joined.setdefault(name, np.zeros((count, *part.shape[1:]), part.dtype))[chosen] = part
+    if not done:
+        raise joined["error"][0]
     return joined | {"error": joined["error"].tolist()}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fivcore import ManyFlutterOnsets, Rig, checks, flutter_onsets_many
+from fivcore.rig import BEAM_PARAMETERS
 from studies.motion.run import BAND
 from studies.parameters import RIG, SCENE, suggest
 from studies.spec import converted, finite, typed
@@ -27,11 +29,11 @@ FORMS = (
 )
 KINDS = {form.split(":")[0]: tuple(form.split(":")[1:]) for form in FORMS.split(" | ")}
 SCIPYS = "NAME:SHAPES:LOC:SCALE of scipy.stats"
-# Numbers of a structure of one's own that a fit may find.
-OF_STRUCTURES = ("damping_ratio", "mass_scale", "stiffness_scale", "frequency")
+# Numbers that fits find besides: of both beams, and of a structure, with the frequency of mode 3 as `frequency_3`.
+OF_FITS = (*BEAM_PARAMETERS, "damping_ratio", "mass_scale", "stiffness_scale", "frequency")
 # What a parameter can be at all; outside a distribution is truncated. The ends of theta are excluded.
 PHYSICAL = dict.fromkeys(
-    (*RIG, "mu", "F", "decay_speed", "ramp", "min_duration", "max_duration", "cutoff", *OF_STRUCTURES),
+    (*RIG, "mu", "F", "decay_speed", "ramp", "min_duration", "max_duration", "cutoff", *OF_FITS),
     (0.0, math.inf),
 ) | {
     "theta": (math.nextafter(-90.0, 0.0), math.nextafter(90.0, 0.0)),
@@ -146,7 +148,7 @@ def parse(text: str, name: str, units: str = "1") -> Distribution:
         if sized:
             parts[:sized] = converted(",".join(parts[:sized]), units).split(",")
         numbers = [finite(part) for part in parts]
-        low, high = PHYSICAL.get(name, (-math.inf, math.inf))
+        low, high = PHYSICAL.get(re.sub(r"_\d+$", "", name), (-math.inf, math.inf))
         found = Distribution(":".join([kind, *map(typed, numbers)]), _frozen(kind, *numbers), low, high)
         if not 1.0 - found.cut >= LEAST_LEFT:
             raise InputError(f"{100.0 * found.cut:.3g} % of it is beyond what {name} can be, {low:g} to {high:g}")

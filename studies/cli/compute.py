@@ -57,10 +57,10 @@ def run(study: str, fail_fast: bool, yes: bool, share: str | None, **points: Any
     them; the same command then computes the missing points.
     """  # noqa: D301 - the backspace tells click to keep the lines
     announce_compiling()
-    signal = {name: points.pop(name) for name in ("measured", "unit", "rate", "channel")}
+    file, signal = points.pop("measured"), {name: points.pop(name) for name in ("unit", "rate", "channel")}
     with _offering(points["assignments"], points["out"]):
         one, planned, request, lines = _planned(study, points, True)
-    one = beside(one, **signal)
+    one = beside(one, file, **signal)
     execute(one, _shared(planned, share), (request.scheduler, request.workers), fail_fast, yes, lines)
 
 

@@ -16,7 +16,6 @@ FILE = click.argument("file", metavar="FILE.toml")
 DRAWS = (
     click.option("--samples", type=int, metavar="N", help="Draws of each round; default: 128."),
     click.option("--rounds", type=int, metavar="K", help="Number of rounds; default: 4. More are added to those."),
-    click.option("--seed", type=int, metavar="N", help="Seed of the draws; default: 0."),
 )
 
 
@@ -34,20 +33,14 @@ def fit(file: str, out: str | None, fresh: bool, scheduler: str | None, workers:
     studies. `rig` is the file of a structure, of which d1, d2, damping_ratio, mass_scale, stiffness_scale and
     frequency_K, that of its mode K, can be unknown.
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies import registry, runner
+    from studies import registry, results, runner
     from studies.fitting import presentation, problem, rounds
     from sweeps import check_free
 
     announce_compiling()
     with warned(say):
         read = problem.read(file, registry.resolve, **draws)
-    check_free(place := rounds.file_of(read, out))
-    backend = runner.backend(scheduler, workers)
-
-    def execute(planned: Any) -> Any:
-        with watched(planned) as last:
-            return planned.run(*backend, last)
-
-    dataset = rounds.run(read, place, execute, fresh=fresh)
+    check_free(place := results.file_of_fit(read.name, out))
+    dataset = rounds.run(read, place, runner.backend(scheduler, workers), watched, fresh=fresh)
     study = presentation.study(dataset)
     report(study, runner.RunResult(study, dataset, place, runner.plot(study, dataset, place)))

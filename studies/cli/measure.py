@@ -27,14 +27,13 @@ DRAWN = option("--measured", metavar="FILE", help="A measured velocity (fiv meas
 BAND = option(
     "--band", metavar="LOW:HIGH", default="200Hz:10kHz", show_default=True, help="Where the dominant frequency is."
 )
-START = option("--start", metavar="TIME", default="0s", help="Leave out what is before.")
 NOTE = """
 A run's summary knows the contact, this only the signal: quiet spells, by its envelope, are not sticks, and the
 dominant frequency is outside of them. Periodicity is the autocorrelation after 20 of its periods."""
 
 
-@command("measure", "What can be said of a measured signal.", click.argument("file"), *SIGNAL, BAND, START)
-def measure(file: str, band: str, start: str, **which: Any) -> None:
+@command("measure", "What can be said of a measured signal.", click.argument("file"), *SIGNAL, BAND)
+def measure(file: str, band: str, **which: Any) -> None:
     """Main frequency, lines, RMS, periodicity and quiet spells of a signal: CSV, WAV, universal file 58, MATLAB.
 
     \b
@@ -44,22 +43,19 @@ def measure(file: str, band: str, start: str, **which: Any) -> None:
     The observer of a run's velocity of B looks at it, in its own unit; nothing is integrated. A table says its
     times and units in its heads, like t [ms] and v_B [mm/s], or --rate and --unit do.
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies import spec
-    from studies.measured import files, signal
+    from studies import measured, spec
 
     if band.count(":") != 1:
         raise click.UsageError(f"--band {band}: it must be LOW:HIGH, such as 200Hz:10kHz")
     low, high = (spec.one(end, "band", "Hz") for end in band.split(":"))
-    found = signal.statistics(files.read(file, **which), (low, high), spec.one(start, "start", "s"))
+    found = measured.statistics(measured.read(file, **which), (low, high))
     units = {"frequency": "Hz", "rate": "Hz", "duration": "s", "time": "s", "rms": found["unit"]}
     rows = list[tuple[str, str]]()
     for name, value in {**found, "quiet_spells": float(len(found["quiet_times"]))}.items():
         if isinstance(value, (float, str)):
-            text, last = (
-                value if isinstance(value, str) else f"{value:.5g}",
-                name.removesuffix("_se").split("_")[-1],
-            )
-            rows.append((name, "-" if text == "nan" else f"{text} {units.get(last, '')}"))
+            text = value if isinstance(value, str) else f"{value:.5g}"
+            unit = units.get(name.removesuffix("_se").rpartition("_")[2], "")
+            rows.append((name, "-" if text == "nan" else f"{text} {unit}"))
     show(columns(rows))
     pairs = zip(found["line_frequencies"], found["line_levels"], strict=True)
     show("\n" + columns([("line Hz", "dB"), *((f"{f:.1f}", f"{level:.1f}") for f, level in pairs)]))
@@ -68,19 +64,19 @@ def measure(file: str, band: str, start: str, **which: Any) -> None:
     say(NOTE)
 
 
-def beside(study: Study, measured: str | None, **which: Any) -> Study:
-    """The study, with a measured signal in its figure if one is given."""
-    from studies.measured import files, signal
+def beside(study: Study, file: str | None, **which: Any) -> Study:
+    """The study, with the measured signal of a file in its figure if one is given."""
+    from studies import measured
     from sweeps import InputError
 
-    if measured is None:
+    if file is None:
         for name in [name for name, value in which.items() if value is not None]:
             raise InputError(f"--{name} {which[name]}: it is of a measured signal; give --measured FILE, too")
         return study
     figure: Any = study.figure
     if figure is None or "measured" not in signature(figure).parameters:
-        raise InputError(f"--measured {measured}: {study.name} does not draw it; fiv run fig7 does")
-    one = signal.velocity(files.read(measured, **which))
-    one = replace(one, name=f"{Path(measured).name}, {one.name}")
+        raise InputError(f"--measured {file}: {study.name} does not draw it; fiv run fig7 does")
+    one = measured.velocity(measured.read(file, **which))
+    one = replace(one, name=f"{Path(file).name}, {one.name}")
     say(f"measured        {one.name}: in the figure alone, which fiv plot draws without it")
     return replace(study, figure=partial(figure, measured=one))

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from studies import labels, uncertainty
 from studies.fitting.sampling import effective_size
-from studies.plotting import figures
+from studies.plotting import figures, planes
 from studies.results import configuration
 from studies.study import Study
 
@@ -33,7 +35,9 @@ LOGARITHMIC = ("lognormal:", "loguniform:")
 
 
 def quantiles(values: Any, weights: Any, levels: Any = ENDS) -> Any:
-    """Quantiles of weighted values."""
+    """Quantiles of weighted values; without a value or a weight a draw does not count."""
+    counts = np.isfinite(values) & (weights > 0.0)
+    values, weights = values[counts], weights[counts]
     order = np.argsort(values)
     below = np.cumsum(weights[order]) - 0.5 * weights[order]
     return np.interp(levels, below / weights.sum(), values[order])
@@ -55,22 +59,18 @@ def learnt(dataset: xr.Dataset) -> tuple[list[str], list[str]]:
     spread = np.atleast_2d(np.cov(levels, aweights=weights, ddof=0))
     together = spread / np.maximum(np.sqrt(np.outer(np.diag(spread), np.diag(spread))), 1e-300)
     least = max(SILENT, KOLMOGOROV / np.sqrt(effective_size(weights)))
-    silent, pairs = list[str](), list[str]()
-    for k, (name, level) in enumerate(zip(priors, levels, strict=True)):
+    silent, names = list[str](), [labels.title(name) for name in priors]
+    for k, level in enumerate(levels):
         order = np.argsort(level)
         distance = np.abs(np.cumsum(weights[order]) - level[order]).max()
         if distance < least and not np.any(np.abs(np.delete(together[k], k)) > 2.0 * least):
-            silent.append(labels.title(name))
-        for j in range(k):
-            if abs(together[j, k]) > TOGETHER:
-                pairs.append(f"{labels.title(list(priors)[j])} with {labels.title(name)} ({together[j, k]:.2f})")
-    return silent, pairs
+            silent.append(names[k])
+    pairs = [(j, k) for j, k in combinations(range(len(names)), 2) if abs(together[j, k]) > TOGETHER]
+    return silent, [f"{names[j]} with {names[k]} ({together[j, k]:.2f})" for j, k in pairs]
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """Yield posterior medians and intervals, the effective sample size, and predictions beside measurements."""
-    import pandas as pd
-
     priors, targets, weights = parts(dataset)
     if not weights.any():
         yield "No weights yet: the first round is not finished."
@@ -95,10 +95,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         yield f"Known together better than alone (correlation): {', '.join(pairs)}."
     table, never = [], list[str]()
     for target in targets:
-        values = dataset[target["name"]].values
-        finite = np.isfinite(values) & (weights > 0.0)
-        unit, factor = labels.unit_of(dataset[target["name"]])
-        low, middle, high = quantiles(values[finite], weights[finite])
+        values, (unit, factor) = dataset[target["name"]].values, labels.unit_of(dataset[target["name"]])
+        low, middle, high = quantiles(values, weights)
         spread = target["within"] or 0.5
         away = np.abs(values - target["value"]) / spread
         nearest = factor * values[np.nanargmin(away)]
@@ -115,69 +113,56 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 def draw(dataset: xr.Dataset) -> Figure:
     """Predictions beside measurements; each unknown with its prior; pairs, where the densest 50 and 90 % are."""
-    from matplotlib.ticker import MaxNLocator
-
     priors, targets, weights = parts(dataset)
-    n, columns = len(priors), {name: labels.readable(dataset[name]) for name in priors}
+    names, n = list(priors), len(priors)
     layout = [["targets"] * n, *([f"{k} {j}" if j <= k else "." for j in range(n)] for k in range(n))]
     width, above = max(16.0, 4.5 * n), 3.0 + 0.4 * len(targets)
     below = 0.8 * width / n
     ratios = {"height_ratios": [above, *[below] * n]}
     figure, panels = figures.mosaic(layout, width, above + n * below, gridspec_kw=ratios)
-    edges, log = dict[str, Any](), {name for name in priors if priors[name].text.startswith(LOGARITHMIC)}
-    for name, values in columns.items():
-        low, high = quantiles(values.values, weights, (0.002, 0.998))
-        if not low < high:
-            # One draw has all the weight.
-            low, high = low - 1e-3 * abs(low) - 1e-12, high + 1e-3 * abs(high) + 1e-12
-        if name in log:
-            edges[name] = np.geomspace(low**1.2 * high**-0.2, high**1.2 * low**-0.2, BINS)
+    middles = {name: _middles(dataset[name], weights, prior.text) for name, prior in priors.items()}
+    for k, j in zip(*np.tril_indices(n), strict=True):
+        axes, x, y = panels[f"{k} {j}"], names[j], names[k]
+        across = planes.set_side(axes, "x", middles[x])
+        if x == y:
+            axes.hist(labels.readable(dataset[x]), list(across), weights=weights, color=figures.BLUE, alpha=0.5)
+            before = np.diff(priors[x].cdf(across / labels.unit_of(dataset[x])[1]))
+            axes.stairs(before, across, color=figures.BLACK)
+            axes.set(yticks=[], ylim=(0.0, None))
         else:
-            edges[name] = np.linspace(1.2 * low - 0.2 * high, 1.2 * high - 0.2 * low, BINS)
-    for k, (y, prior) in enumerate(priors.items()):
-        for j, x in enumerate(list(priors)[: k + 1]):
-            axes = panels[f"{k} {j}"]
-            axes.set_xscale("log" if x in log else "linear")
-            if x == y:
-                axes.hist(columns[x].values, list(edges[x]), weights=weights, color=figures.BLUE, alpha=0.5)
-                before = np.diff(prior.cdf(edges[x] / labels.unit_of(dataset[x])[1]))
-                axes.stairs(before, edges[x], color=figures.BLACK)
-                axes.set(yticks=[], ylim=(0.0, None))
-            else:
-                axes.set_yscale("log" if y in log else "linear")
-                _pair(axes, columns[x], columns[y], weights, edges[x], edges[y])
-                axes.set_ylabel(labels.label(dataset[y]) if j == 0 else "")
-            axes.set(xlim=edges[x][[0, -1]], xlabel=labels.label(dataset[x]) if k == n - 1 else "")
-            for name, side in ((x, axes.xaxis), (y, axes.yaxis)):
-                if name in log:
-                    # Matplotlib's own ticks over more than a decade.
-                    if edges[name][-1] < 10.0 * edges[name][0]:
-                        figures.one_two_five(side)
-                elif side.get_scale() == "linear" and len(side.get_ticklocs()):
-                    side.set_major_locator(MaxNLocator(4))
+            edges = [across, planes.set_side(axes, "y", middles[y])]
+            _pair(axes, [labels.readable(dataset[name]) for name in (x, y)], weights, edges)
+        axes.label_outer()
     _predictions(panels["targets"], dataset, targets, weights)
     figure.suptitle(f"{dataset.attrs['title']}: posterior (blue) and prior (line)")
     return figure
 
 
-def _pair(axes: Axes, x: Any, y: Any, weights: Any, across: Any, up: Any) -> None:
+def _middles(draws: xr.DataArray, weights: Any, prior: str) -> xr.DataArray:
+    """Middles of the bins in which an unknown is drawn: about its posterior."""
+    ends = quantiles(draws.values, weights, (0.002, 0.998))
+    wide = prior.startswith(LOGARITHMIC) and ends[1] > planes.WIDE * ends[0]
+    low, high = np.log(ends) if wide else ends
+    reach = 0.2 * (high - low) or 1e-3 * abs(low) + 1e-12  # one draw may have all the weight
+    values = np.linspace(low - reach, high + reach, BINS)
+    return xr.DataArray(np.exp(values) if wide else values, name=draws.name, attrs=draws.attrs)
+
+
+def _pair(axes: Axes, draws: Any, weights: Any, edges: Any) -> None:
     """The densest 50 and 90 % of a smoothed histogram of two unknowns."""
     from scipy.ndimage import gaussian_filter
 
-    counts = gaussian_filter(np.histogram2d(x, y, [across, up], weights=weights)[0], SMOOTH)
+    counts = gaussian_filter(np.histogram2d(draws[0], draws[1], edges, weights=weights)[0], SMOOTH)
     ordered = np.sort(counts.ravel())[::-1]
     levels = [ordered[np.searchsorted(np.cumsum(ordered), share * ordered.sum())] for share in (0.9, 0.5)]
-    middles = [0.5 * (each[1:] + each[:-1]) for each in (across, up)]
+    middles = [0.5 * (each[1:] + each[:-1]) for each in edges]
     axes.contourf(*middles, counts.T, [*levels, 1.01 * ordered[0]], colors=[figures.BLUE], alpha=(0.3, 0.7))
-    axes.set_ylim(up[0], up[-1])
 
 
 def _predictions(axes: Axes, dataset: xr.Dataset, targets: Any, weights: Any) -> None:
     """Medians and intervals of the prediction of each target, by how many deviations it is off the measurement."""
     for k, target in enumerate(targets):
-        values = dataset[target["name"]].values
-        finite = np.isfinite(values) & (weights > 0.0)
-        off = (quantiles(values[finite], weights[finite]) - target["value"]) / (target["within"] or 1.0)
+        off = (quantiles(dataset[target["name"]].values, weights) - target["value"]) / (target["within"] or 1.0)
         axes.plot(off[[0, 2]], [k, k], color=figures.BLUE)
         axes.plot(off[1], k, "o", color=figures.BLUE, markersize=4.0)
     axes.axvspan(-1.0, 1.0, color="#e0e0e0", zorder=0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from fivcore import Structure, checks
+from fivcore.structure import motion_cutoff
 from studies import request, spec, uncertainty
-from studies.fitting.structures import parameters
 from studies.gallery import maps
-from studies.parameters import suggest, unusual, warn_unusual
-from studies.results import expanded
+from studies.parameters import RIG, Parameter, check_keys, suggest, unusual, warn_unusual
 from studies.study import Study
 from sweeps import InputError, Sweep
 
@@ -88,30 +86,15 @@ def read(content: str | Path | Mapping[str, Any], resolve: Callable[[str], Study
     `resolve` finds a study by its name; options are `samples`, `rounds` and `seed`, None where the file decides.
     An `InputError` names the file, the unknown or the target, and what is wrong with it.
     """
-    where, folder = "", Path()
-    if not isinstance(content, Mapping):
-        where, file = f"{content}: ", expanded(content)
-        try:
-            folder, content = file.parent, {"name": file.stem, **tomllib.loads(file.read_text("utf-8"))}
-        except OSError as problem:
-            raise InputError(f"{where}it cannot be read: {problem.strerror}") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
-            raise InputError(f"{where}it is not TOML: {problem}") from None
-    try:
-        _check_keys(content, (*DEFAULTS, "rig"))
-        given = {name: value for name, value in options.items() if value is not None}
-        return _problem({**DEFAULTS, **content, **given}, folder, resolve)
-    except ValueError as problem:
-        raise InputError(f"{where}{problem}") from None
-
-
-def _check_keys(table: Mapping[str, Any], known: Sequence[str]) -> None:
-    for key in table:
-        if key not in known:
-            raise InputError(f"{key}: no such key; {suggest(key, known)}the keys are {', '.join(known)}")
+    given = {name: value for name, value in options.items() if value is not None}
+    if isinstance(content, Mapping):
+        return _problem({**DEFAULTS, **content, **given}, Path(), resolve)
+    with request.toml(content, str(content)) as table:
+        return _problem({**DEFAULTS, "name": Path(content).stem, **table, **given}, Path(content).parent, resolve)
 
 
 def _problem(found: Mapping[str, Any], folder: Path, resolve: Callable[[str], Study]) -> Problem:
+    check_keys(found, (*DEFAULTS, "rig"))
     for key, what in TABLES.items():
         if type(found[key]) is not type(DEFAULTS[key]) or not (found[key] or key == "set"):
             raise InputError(f"{key} = {found[key]!r}: it must be {what}")
@@ -125,8 +108,8 @@ def _problem(found: Mapping[str, Any], folder: Path, resolve: Callable[[str], St
         who = f"target {number}"
         try:
             checks.instance("target", table, dict)
-            who = f"target {table.get('name') or ', '.join(_listed(table.get('output', str(number))))}"
-            _check_keys(table, TARGET_KEYS)
+            who = f"target {table.get('name') or ', '.join(_listed(table.get('output', []))) or number}"
+            check_keys(table, TARGET_KEYS)
             reader.add(table)
         except ValueError as problem:
             raise InputError(f"{who}: {problem}") from None
@@ -134,6 +117,8 @@ def _problem(found: Mapping[str, Any], folder: Path, resolve: Callable[[str], St
         if name not in reader.taken and name not in reader.priors:
             raise InputError(f"{name}: no target depends on it; {suggest(name, reader.taken)}".rstrip("; "))
     priors = {name: reader.priors[name] for name in found["unknown"]}
+    if reader.structure:
+        varied(reader.structure, {n: float(priors[n].ppf(0.5)) for n in priors.keys() & reader.own.keys()})
     model = Model(reader.targets, reader.sources, reader.structure)
     numbers = int(found["samples"]), rounds, int(found["seed"])
     return Problem(str(found["name"]), priors, reader.axes, model, *numbers)
@@ -152,9 +137,10 @@ class _Reader:
 
     def add(self, table: Mapping[str, Any]) -> None:
         """A target for each value, or for each point of a statement."""
-        checks.instance("at", table.get("at", {}), dict)
-        states, outputs, at = "is" in table, _listed(table.get("output", "regime")), table.get("at", {})
-        if states == ("value" in table) or states == ("within" in table) or not (states or "output" in table):
+        checks.instance("at", at := table.get("at", {}), dict)
+        states = "is" in table
+        outputs = _listed(table.get("output", ["regime"] * states))
+        if states in ("value" in table, "within" in table) or not outputs:
             raise InputError("it must have output, value and within, or is")
         if "study" in table:
             study = self.resolve(table["study"])
@@ -167,21 +153,20 @@ class _Reader:
         chosen = {name: value for name, value in at.items() if name in dims}
         source, sweep = self._source(study, {name: value for name, value in at.items() if name not in dims})
         entries = [(name, k) for name in outputs for k in range(_entries(study, sweep, name, chosen, states))]
-        given = {"sample", *at, *self.fixed, *self.sources[source].unknowns}
+        given, variables = {"sample", *at, *self.fixed, *self.sources[source].unknowns}, sweep.variables
         for name in sweep.grid.axes.keys() - given if states else ():
             if len(sweep.grid.axes[name]) > 1:
                 raise InputError(f"{name}: study {study.name} has a range of it; give its value in at")
-        variables = sweep.variables
         if len({variables[name].units for name in outputs}) > 1:
             raise InputError("its outputs have different units; give each a table of its own")
-        if states != bool((variable := variables[outputs[0]]).flags):
-            kind = "words; write is" if variable.flags else "numbers; write value"
-            raise InputError(f"{outputs[0]} has {kind} = ...")
+        flags, units = variables[outputs[0]].flags, variables[outputs[0]].units
+        if states != bool(flags):
+            raise InputError(f"{outputs[0]} has {'words; write is' if flags else 'numbers; write value'} = ...")
         codes, values, widths = tuple[int, ...](), [1.0] * len(entries), [0.0] * len(entries)
-        if states:
-            codes = _codes(table["is"], variable.flags or {})
+        if flags:
+            codes, units = _codes(table["is"], flags), "1"
         else:
-            values, widths = _numbers(table["value"], table["within"], variable.units)
+            values, widths = _numbers(table["value"], table["within"], units)
         if len(values) != len(entries) or len(widths) != len(entries):
             raise InputError(
                 f"{', '.join(outputs)} has {len(entries)} entries, value {len(values)}, within {len(widths)}: "
@@ -192,11 +177,11 @@ class _Reader:
             name = f"{names[k]}_{k + 1}" if names.count(names[k]) > 1 else names[k]
             if name in {*TAKEN, *self.unknown, *(each.name for each in self.targets)}:
                 raise InputError(f"there are two of the name {name}; give one another name")
-            has_error = not states and f"{output}_se" in variables
-            text = f"share of members: {table['is']}" if states else variables[output].long_name
-            about = name, text, "1" if states else variables[output].units, values[k], widths[k], codes
-            place = source, _of_members(variables, output, states), chosen, entry, has_error
-            self.targets.append(Target(*about, *place))
+            text, member = variables[output].long_name, f"member_{output}"
+            if states:
+                text, output = f"share of members: {table['is']}", member if member in variables else output
+            place = source, output, chosen, entry, not states and f"{output}_se" in variables
+            self.targets.append(Target(name, text, units, values[k], widths[k], codes, *place))
 
     def _source(self, study: Study, at: Mapping[str, Any]) -> tuple[int, Sweep]:
         """The number of the source of a study at these parameters, made when it is first needed; a sweep of it."""
@@ -211,10 +196,10 @@ class _Reader:
         for name in self.unknown.keys() & {*unknowns.values(), *self.own}:
             if name in values:
                 raise InputError(f"{name}: it is unknown and has a value; leave one out")
-            of_study = next((p for p, n in unknowns.items() if n == name), "")
-            parameter = study.parameters[of_study] if of_study else self.own[name]
+            of_study = [study.parameters[p] for p, n in unknowns.items() if n == name]
+            parameter = of_study[0] if of_study else self.own[name]
             text = uncertainty.text_of(self.unknown[name], name)
-            self.priors[name] = uncertainty.parse(text, of_study or re.sub(r"_\d+$", "", name), parameter.units)
+            self.priors[name] = uncertainty.parse(text, name, parameter.units)
             self.axes[name] = parameter.units, re.sub(" of P1$", "", parameter.text)
         asked = request.Request(study.name, values)
         numbers = asked.values_of(study)
@@ -236,11 +221,6 @@ def _listed(names: Any) -> list[str]:
     return [str(name) for name in names] if isinstance(names, list) else [str(names)]
 
 
-def _of_members(variables: Mapping[str, Any], output: str, states: bool) -> str:
-    """The output that has the words of a statement, of every realisation where there are several."""
-    return f"member_{output}" if states and f"member_{output}" in variables else output
-
-
 def _entries(study: Study, sweep: Sweep, output: str, chosen: Mapping[str, Any], states: bool) -> int:
     """How many entries an output has at one draw; of a statement all members are one."""
     if output not in sweep.variables:
@@ -256,14 +236,10 @@ def _entries(study: Study, sweep: Sweep, output: str, chosen: Mapping[str, Any],
 
 
 def _codes(given: Any, flags: Mapping[int, str]) -> tuple[int, ...]:
-    """The flags that a statement allows: those of a word, of a list of words, or all but those after "not "."""
-    negative = isinstance(given, str) and given.startswith("not ")
-    words = [given.removeprefix("not ")] if isinstance(given, str) else _listed(given)
-    for word in words:
-        if word not in flags.values():
-            near = suggest(str(word), flags.values())
-            raise InputError(f"is = {word!r}: {near}it must be one of {', '.join(flags.values())}")
-    return tuple(code for code, word in flags.items() if (word in words) != negative)
+    """The flags that a statement allows: that of a word, or all but that after "not "."""
+    word = str(given).removeprefix("not ")
+    Parameter("", choices=tuple(flags.values())).read("is", word)
+    return tuple(code for code, each in flags.items() if (each == word) == (word == given))
 
 
 def _numbers(value: Any, within: Any, units: str) -> tuple[list[float], list[float]]:
@@ -272,7 +248,7 @@ def _numbers(value: Any, within: Any, units: str) -> tuple[list[float], list[flo
     for name, given in (("value", value), ("within", within)):
         text = ", ".join(map(str, given)) if isinstance(given, list) else str(given)
         relative = name == "within" and text.rstrip().endswith("%")
-        if not relative and units != "1" and not re.search(r"[A-Zabcdf-zµ°]", text):
+        if units != "1" and not spec.bears_unit(text):
             example = f"{text.split(',')[-1].strip()} {units}"
             raise InputError(f"{name} = {text}: it needs its unit, for example {example}")
         found.append(spec.parse(text, name, "1" if relative else units) * (np.abs(found[0]) if relative else 1.0))
@@ -280,3 +256,43 @@ def _numbers(value: Any, within: Any, units: str) -> tuple[list[float], list[flo
     if not np.all(widths > 0.0):
         raise InputError(f"within = {widths.min():g}: it must be above 0, one standard deviation")
     return values.tolist(), widths.tolist()
+
+
+def parameters(structure: Structure) -> dict[str, Parameter]:
+    """The numbers of a structure by their names."""
+    frequencies = enumerate(structure.frequency.tolist(), 1)
+    return {
+        "d1": RIG["d1"],
+        "d2": RIG["d2"],
+        "damping_ratio": Parameter(0.0, "1", "damping ratio of every mode with the contact open"),
+        "mass_scale": Parameter(1.0, "1", "factor of the mass matrix"),
+        "stiffness_scale": Parameter(1.0, "1", "factor of the stiffness matrix"),
+    } | {f"frequency_{k}": Parameter(f, "Hz", f"frequency of mode {k}, contact open") for k, f in frequencies if f}
+
+
+def varied(structure: Structure, numbers: Mapping[str, float]) -> Structure:
+    """The structure with other numbers: `parameters` has their names.
+
+    Scales of mass and stiffness leave the damping ratios, d1 and d2 as they are.
+    """
+    own, m = structure, len(structure.frequency)
+    mass, stiffness = (numbers.get(f"{name}_scale", 1.0) for name in ("mass", "stiffness"))
+    squares = own.stiffness * (stiffness / mass)
+    for k in range(m):
+        if (name := f"frequency_{k + 1}") in numbers:
+            squares[k] = (2.0 * np.pi * numbers[name]) ** 2
+    root, moved = np.sqrt(mass), ("normal", "tangential", "load", "output", "struck")
+    rows = {name: row / root for name in moved if (row := getattr(own, name)) is not None}
+    with np.errstate(invalid="ignore", divide="ignore"):
+        damping = own.damping * np.where(own.stiffness > 0.0, np.sqrt(squares / own.stiffness), 1.0)
+    if own.rayleigh is not None:
+        d1, d2 = numbers.get("d1", own.d1), numbers.get("d2", own.d2)
+        damping, own = (d1 + d2 * squares) * (np.arange(len(squares)) < m), replace(own, rayleigh=(d1, d2))
+    elif numbers.keys() & {"d1", "d2"}:
+        raise InputError("d1, d2: the structure is damped by mode; take damping_ratio, or leave d1 and d2 out")
+    rows |= {"stiffness": squares, "damping": damping, "inertia": own.inertia * root}
+    order = np.append(np.argsort(squares[:m], kind="stable"), np.arange(m, len(squares)))
+    rows = {name: row[order] for name, row in rows.items()}
+    own = replace(own, **rows, wider=own.wider and varied(own.wider, numbers))
+    own = replace(own, cutoff=own.cutoff and motion_cutoff(own.motion))
+    return own.damped(numbers["damping_ratio"], "free") if "damping_ratio" in numbers else own

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,16 +14,17 @@ from scipy.special import ndtr
 
 from fivcore.errors import SceneError
 from studies.fitting import sampling
-from studies.fitting.problem import Model, Problem, Source
-from studies.fitting.structures import varied
-from studies.results import FITS, results_folder
+from studies.fitting.problem import Model, Problem, Source, varied
+from studies.results import FITS
 from sweeps import Axis, Grid, InputError, Sweep, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from fivcore import Structure
-    from sweeps import Plan
+    from sweeps import Plan, Progress
+
+    Watch = Callable[[Plan], AbstractContextManager[Progress | None]]
 
 # What a file says of a target.
 STATED = ("name", "value", "within", "codes")
@@ -30,31 +32,24 @@ STATED = ("name", "value", "within", "codes")
 DIGITS = 9
 
 
-def file_of(problem: Problem, out: str | Path | None = None) -> Path:
-    """The netCDF file of a fit."""
-    return results_folder(out) / FITS / problem.name / f"{problem.name}.nc"
+def run(problem: Problem, file: Path, how: tuple[Any, Any], watch: Watch, *, fresh: bool = False) -> xr.Dataset:
+    """Run each round on the back end `how` within `watch(plan)`, a context with its progress; the whole result.
 
-
-def run(problem: Problem, file: Path, execute: Callable[[Plan], xr.Dataset], *, fresh: bool = False) -> xr.Dataset:
-    """Plan each round, let it be executed, and return the whole result; rounds that the file has are kept.
-
-    An `InputError` if no draw of the first round can be.
+    Rounds that the file has are kept. An `InputError` if no draw of the first round can be.
     """
     start, likelihoods = first(problem), np.zeros(0)
     for number in range(problem.rounds):
         z = sampling.replay(start, likelihoods, problem.samples, problem.seed)[1]
         planned = sweep_of(problem, start, z).plan(file, fresh=fresh and not number)
-        dataset = execute(planned)
+        with watch(planned) as progress:
+            dataset = planned.run(*how, progress)
         likelihoods = log_likelihood(problem, dataset)
         if not np.isfinite(likelihoods).any():
             file.unlink(missing_ok=True)
-            raise InputError(f"no draw of {len(z)} survives: {_impossible(problem, dataset)}; change the priors")
+            never = [t.name for t in problem.model.targets if not np.isfinite(_misfit(t, dataset)).any()]
+            why = f"{', '.join(never)} never has a value or holds" if never else "no draw has all targets together"
+            raise InputError(f"no draw of {len(z)} survives: {why}; change the priors")
     return dataset
-
-
-def _impossible(problem: Problem, dataset: xr.Dataset) -> str:
-    never = [t.name for t in problem.model.targets if not np.isfinite(_misfit(t, dataset)).any()]
-    return f"{', '.join(never)} never has a value or holds" if never else "no draw has all targets together"
 
 
 def first(problem: Problem) -> sampling.Proposal:
@@ -70,7 +65,7 @@ def first(problem: Problem) -> sampling.Proposal:
             except (ValueError, ArithmeticError, SceneError):
                 if len(z) > 1:
                     return np.concatenate([misfits(each[None]) for each in z])
-                found = {t.name: np.full(1, np.nan) for t in smooth}
+                return np.full((1, len(smooth)), np.nan)
             return np.stack([(found[t.name] - t.value) / t.within for t in smooth], axis=1)
 
         if (found := sampling.best(misfits, d)) is not None:

@@ -14,6 +14,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.distance import cdist
+from scipy.special import logsumexp, ndtri, softmax
 
 from sweeps import unit_draws
 
@@ -49,9 +52,6 @@ class Part:
 
     def log_density(self, z: Array) -> Array:
         """Logarithm of the density at points (n, d), times the share."""
-        from scipy.spatial.distance import cdist
-        from scipy.special import logsumexp
-
         white = [each @ np.linalg.inv(self.factor).T for each in (z, self.centres)]
         blocks = np.array_split(white[0], len(z) * len(self.centres) // MOST_ENTRIES + 1)
         distances = (cdist(block, white[1], "sqeuclidean") for block in blocks)
@@ -84,8 +84,6 @@ def around(best: Array, covariance: Array) -> Proposal:
 
 def draws(proposal: Proposal, count: int, seed: int) -> Array:
     """Draws (count, d) by scrambled Sobol points, whose first dimension chooses the normal distribution."""
-    from scipy.special import ndtri
-
     d = proposal[0].centres.shape[1]
     chance, *unit = unit_draws(d + 1, count, "sobol", seed).T
     levels = np.cumsum(np.concatenate([part.share * part.weights for part in proposal]))
@@ -104,9 +102,7 @@ def log_weights(z: Array, log_likelihood: Array, proposals: Sequence[Proposal]) 
 
 def normalised(logarithms: Array) -> Array:
     """Weights with the sum 1; zeros if none is above 0."""
-    greatest = logarithms.max()
-    weights = np.exp(logarithms - greatest) if np.isfinite(greatest) else np.zeros(len(logarithms))
-    return np.asarray(weights / max(weights.sum(), 1e-300))
+    return np.asarray(softmax(logarithms) if np.isfinite(logarithms.max()) else np.zeros(len(logarithms)))
 
 
 def effective_size(weights: Array) -> float:
@@ -159,8 +155,6 @@ def best(misfits: Callable[[Array], Array], dimensions: int) -> tuple[Array, Arr
     `misfits(z)` returns, for points (n, d), residuals in standard deviations, (n, m). None if the median has no
     value.
     """
-    from scipy.optimize import least_squares
-
     steps = STEP * np.concatenate([np.zeros((1, dimensions)), np.eye(dimensions), -np.eye(dimensions)])
 
     def residuals(z: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -166,6 +167,12 @@ def most(dataset: xr.Dataset) -> xr.DataArray:
     return held == held.max()
 
 
+def holding(dataset: xr.Dataset) -> xr.DataArray:
+    """Share of the points at which each statement holds."""
+    share: xr.DataArray = (dataset["truth"] > 0.5).where(dataset["status"] == DONE).mean(["d1", "d2"])
+    return share
+
+
 def identified(dataset: xr.Dataset) -> dict[str, float]:
     """The damping by one rule: d1 as printed; of d2, where most statements hold there.
 
@@ -177,17 +184,14 @@ def identified(dataset: xr.Dataset) -> dict[str, float]:
     return {"d1": float(column["d1"]), "d2": float(column["d2"][place])}
 
 
-def _at(dataset: xr.Dataset, damping: Mapping[str, float]) -> xr.Dataset:
-    return dataset.sel(damping, method="nearest")
-
-
 def _named(damping: Any) -> str:
     return ", ".join(labels.named(name, float(damping[name]), RIG[name].units) for name in PRINTED)
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """How many statements hold with the printed damping and at most; the motion and the onsets there."""
-    both = {"printed": _at(dataset, PRINTED), "identified": _at(dataset, identified(dataset))}
+    dampings = {"printed": PRINTED, "identified": identified(dataset)}
+    both = {name: dataset.sel(damping, method="nearest") for name, damping in dampings.items()}
     best, highest = most(dataset), labels.number(float(dataset["held"].max()))
     count = dataset.sizes["statement"]
     named = [f"{labels.number(float(each['held']))} of {count} hold with {_named(each)}" for each in both.values()]
@@ -197,20 +201,16 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     )
     table = {"statement": dataset["statement"].values, "section": dataset["section"].values}
     table |= {f"{name} %": 100.0 * each["truth"].values for name, each in both.items()}
-    holds = (dataset["truth"] > 0.5).where(dataset["status"] == DONE).mean(["d1", "d2"]).values
-    yield (
-        "Statements: share of the realisations in which they hold, and of the points at which they do",
-        pd.DataFrame(table | {"points %": 100.0 * holds}).round(1),
-    )
+    table["points %"] = 100.0 * holding(dataset).values
+    text = "Statements: share of the realisations in which they hold, and of the points at which they do"
+    yield text, pd.DataFrame(table).round(1)
     rows = [(float(each["d1"]), *np.sort(each["d2"][each.values].values)[[0, -1]]) for each in best if each.any()]
     yield "Where most statements hold", pd.DataFrame(rows, columns=["d1 1/s", "d2 from s", "to"])
     names = ["scene", "regime", *QUANTITIES[:5], QUANTITIES[6]]
     for each in both.values():
         yield f"Motion with {_named(each)}; middle of the realisations", summary.frame(each, names)
-    table = {
-        f"{name} {key}": each[key].values for name, each in both.items() for key in ("onset_mu", "onset_frequency")
-    }
-    yield "Onsets of flutter, Hz", pd.DataFrame(table)
+    pairs = product(both.items(), ("onset_mu", "onset_frequency"))
+    yield "Onsets of flutter, Hz", pd.DataFrame({f"{name} {key}": each[key].values for (name, each), key in pairs})
 
 
 # Small planes across, and the modal damping ratios at the paper's frequency that are drawn, %.
@@ -224,9 +224,8 @@ MARKS: dict[str, dict[str, Any]] = {
 def draw(dataset: xr.Dataset) -> Figure:
     """How many statements hold over the plane, and where each of those holds that depend on the damping."""
     dataset = dataset.where(dataset["status"] == DONE)
-    truth = {str(name): dataset["truth"].sel(statement=name) for name in dataset["statement"].values}
-    held = {name: share.values[np.isfinite(share.values)] > 0.5 for name, share in truth.items()}
-    varies = [name for name, holds in held.items() if len(np.unique(holds)) > 1]
+    names, share = dataset["statement"].values, holding(dataset)
+    varies = [str(name) for name in names[(share > 0.0) & (share < 1.0)]]
     cells = [*varies, *("." * (-len(varies) % ACROSS))]
     layout = [["held"] * (ACROSS - 1) + ["key"], *(cells[k : k + ACROSS] for k in range(0, len(cells), ACROSS))]
     rows = len(layout) - 1
@@ -234,14 +233,11 @@ def draw(dataset: xr.Dataset) -> Figure:
     top, key = panels.pop("held"), panels.pop("key")
     key.axis("off")
     key.legend(handles=_draw_held(top, dataset), loc="upper left", borderaxespad=0.0, borderpad=0.0)
-    same = {
-        where: [name for name in truth if name not in varies and held[name].any() == holds]
-        for where, holds in (("everywhere", True), ("nowhere", False))
-    }
-    text = "; ".join(f"{where}: {', '.join(names)}" for where, names in same.items() if names)
+    same = (("everywhere", names[share == 1.0]), ("nowhere", names[share == 0.0]))
+    text = "; ".join(f"{where}: {', '.join(each)}" for where, each in same if len(each))
     figure.supxlabel(fill(f"Statements that hold {text}." if text else "", 115), fontsize=7.5)
     for k, (name, axes) in enumerate(panels.items()):
-        mesh = planes.cells(axes, truth[name], "d1", "d2", vmin=0.0, vmax=1.0)
+        mesh = planes.cells(axes, dataset["truth"].sel(statement=name), "d1", "d2", vmin=0.0, vmax=1.0)
         axes.set_title(fill(f"({chr(ord('b') + k)}) {name}", 19), loc="left", fontsize=7.0)
         _mark(axes, dataset, 0.6)
         axes.tick_params(labelsize=6.5, labelleft=k % ACROSS == 0, labelbottom=k + ACROSS >= len(varies))

@@ -11,7 +11,8 @@ import xarray as xr
 from fivcore import Scene, Transient, glued_frequencies
 from studies import labels, paper, summary
 from studies.claims import Claim, is_papers_point
-from studies.measured import signal
+from studies.measured import Signal
+from studies.measured import draw as draw_measured
 from studies.motion import regimes, run, series
 from studies.parameters import RUN, published
 from studies.plotting import figures, planes
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from studies.measured.files import Signal
 
 # Rows of the figure; of more speeds an evenly spaced subset.
 MOST_ROWS = 6
@@ -156,7 +156,7 @@ def draw(dataset: xr.Dataset, measured: Signal | None = None) -> Figure:
     count = len(rows) + (measured is not None)
     figure, panels = figures.panels(count, 2, 18.0, 3.2 + 4.6 * count, **shared)
     if measured is not None:
-        signal.draw(panels, measured)
+        draw_measured(panels, measured)
     papers = is_papers_point(dataset, mu=paper.MU, F=paper.LOAD, theta=paper.THETA)
     for k, left, right in zip(rows, panels[::2], panels[1::2], strict=False):
         _draw_speed(left, right, dataset.isel(V=k))

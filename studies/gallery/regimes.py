@@ -215,8 +215,6 @@ PAPER_MARKS = {"intermittent": "^", "periodic": "D"}
 # A scale leaves out this share of the cells at either end; it is logarithmic where its ends are so many times
 # apart.
 RARE, WIDE = 0.02, 10.0
-# Panels across and down.
-MOST_ACROSS, MOST_DOWN = 4, 3
 
 
 def draw(dataset: xr.Dataset) -> Figure:
@@ -230,7 +228,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     if dataset.sizes[y] == 1:
         return _draw_along(dataset.isel({name: 0 for name in (y, *others)}), x, about)
     if any(dataset.sizes[name] > 1 for name in others):
-        return _draw_planes(dataset, x, y, others, about)
+        return planes.over_others(dataset, x, y, others, f"Regimes: {about}", _draw_regimes)
     return _draw_plane(dataset.isel(dict.fromkeys(others, 0)).transpose(y, x, ...), x, y, about)
 
 
@@ -260,35 +258,12 @@ def _draw_plane(point: xr.Dataset, x: str, y: str, about: str) -> Figure:
     return figure
 
 
-def _draw_planes(dataset: xr.Dataset, x: str, y: str, others: Sequence[str], about: str) -> Figure:
-    """A plane of regimes for each value of the others, across and down."""
-    across, down = (
-        planes.subset(dataset.sizes[n], m) for n, m in zip(others, (MOST_ACROSS, MOST_DOWN), strict=True)
-    )
-    width = min(2.0 + 5.0 * max(len(across), 2), 17.0)
-    figure, panels = figures.panels(len(down), len(across), width, 5.0 * len(down) + 3.5, sharex=True, sharey=True)
-    handles: dict[str, Any] = {}
-    for k, axes in enumerate(panels):
-        at = {others[0]: across[k % len(across)], others[1]: down[k // len(across)]}
-        point = dataset.isel(at).transpose(y, x, ...)
-        handles |= {handle.get_label(): handle for handle in _draw_regimes(axes, point, x, y)}
-        varying = [name for name in others if dataset.sizes[name] > 1]
-        text = ", ".join(labels.named(name, dataset[name][at[name]]) for name in varying)
-        axes.set_title(text, loc="left", fontsize=9.0)
-        axes.label_outer()
-    figure.legend(handles=list(handles.values()), loc="outside lower center", ncols=2 if width < 14.0 else 3)
-    left_out = "".join(planes.of_all(c, dataset.sizes[n]) for n, c in zip(others, (across, down), strict=True))
-    figure.suptitle(figures.fitted(f"Regimes: {about}{left_out}", width))
-    return figure
-
-
 def _draw_regimes(axes: Axes, point: xr.Dataset, x: str, y: str) -> list[Any]:
     """Draw the plane of regimes and the marks of its cells; return the handles of its legend."""
     from matplotlib.lines import Line2D
 
     codes = xr.DataArray(regimes.kinds(point), coords=point["regime"].coords, dims=point["regime"].dims)
-    planes.regimes(axes, codes, x, y)
-    handles: list[Any] = list(planes.patches(codes))
+    handles: list[Any] = [*planes.regimes(axes, codes, x, y)]
     if _draw_onset(axes, point, x, y):
         handles.append(Line2D([], [], **ONSET, label=f"onset of flutter\n{BELOW}"))
     xs, ys = (labels.readable(point[name]).values for name in (x, y))

@@ -119,9 +119,7 @@ def draw_series(dataset: xr.Dataset, names: Sequence[str]) -> Figure:
     elapsed = dataset["elapsed"].values
     rate = 1.0 / float(elapsed[1] - elapsed[0]) if len(elapsed) > 1 else 1.0
     for (at, name), left, right in zip(rows, panels[::2], panels[1::2], strict=True):
-        values = labels.readable(dataset[name]).attrs and labels.unit_of(dataset[name])[1] * at[
-            name
-        ].values.astype(float)
+        values = labels.unit_of(dataset[name])[1] * at[name].values.astype(float)
         figures.trace(left, elapsed, values, color=figures.BLUE)
         left.set_ylabel(figures.fitted(labels.label(dataset[name]), 4.0))
         place = ", ".join(labels.named(dim, at[dim]) for dim in map(str, dataset["status"].dims))
@@ -143,18 +141,5 @@ def draw_regimes(dataset: xr.Dataset) -> Figure:
     dims = [str(dim) for dim in dataset["status"].dims]
     codes = xr.DataArray(kinds(dataset), coords=dataset["status"].coords, dims=dims)
     x, y, *others = sorted(dims, key=lambda dim: -dataset.sizes[dim])
-    across, down = (planes.subset(dataset.sizes[dim], most) for dim, most in zip(others, (4, 3), strict=True))
-    size = max(12.0, 2.0 + 4.5 * len(across)), 5.0 + 4.0 * len(down)
-    figure, panels = figures.panels(len(down), len(across), *size, sharex=True, sharey=True)
-    for k, axes in enumerate(panels):
-        at = {others[0]: across[k % len(across)], others[1]: down[k // len(across)]}
-        planes.regimes(axes, codes.isel(at), x, y)
-        varying = [dim for dim in others if dataset.sizes[dim] > 1]
-        place = ", ".join(labels.named(dim, dataset[dim][at[dim]]) for dim in varying)
-        axes.set_title(place, loc="left", fontsize=8.0)
-        axes.label_outer()
-    handles = planes.patches(codes)
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
     single = [labels.named(dim, dataset[dim][0]) for dim in dims if dataset.sizes[dim] == 1]
-    figure.suptitle(figures.fitted(", ".join(["Regime of the motion", *single]), size[0]))
-    return figure
+    return planes.over_others(codes, x, y, others, ", ".join(["Regime of the motion", *single]), planes.regimes)

@@ -5,7 +5,7 @@ Colours survive colour blindness and grey print: shades rise in lightness, class
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from studies.plotting import figures
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -35,6 +36,8 @@ MIXED |= {"linestyle": "none", "label": "realisations follow\ndifferent motions"
 LARGEST = 40.0
 # From this ratio of its ends on an axis is logarithmic; up to so many values each has a tick.
 WIDE, FEW = 20.0, 2
+# Planes across and down.
+PANELS = (4, 3)
 
 
 def is_logarithmic(values: Any) -> bool:
@@ -80,14 +83,38 @@ def cells(axes: Axes, array: xr.DataArray, x: str, y: str, **options: Any) -> An
     return axes.pcolormesh(*ends, np.ma.masked_invalid(array.transpose(y, x).values.astype(float)), **look)
 
 
-def regimes(axes: Axes, codes: xr.DataArray, x: str, y: str) -> None:
-    """Regimes over two parameters, by index in KINDS, failed points hatched."""
+def regimes(axes: Axes, codes: xr.DataArray, x: str, y: str) -> list[Patch]:
+    """Regimes over two parameters, by index in KINDS, failed points hatched; the handles of their legend."""
     from matplotlib.colors import ListedColormap
 
     cells(axes, codes, x, y, cmap=ListedColormap(COLOURS), vmin=-0.5, vmax=len(KINDS) - 0.5)
     ends = (edges(labels.readable(codes[name]).values.astype(float)) for name in (x, y))
     failed = np.ma.masked_not_equal(codes.transpose(y, x).values, FAILED)
     axes.pcolor(*ends, failed, hatch="xxxx", facecolor="none", edgecolor=figures.GREY, linewidth=0.0)
+    return patches(codes)
+
+
+def over_others(data: Any, x: str, y: str, others: Sequence[str], title: str, draw: Callable[..., Any]) -> Figure:
+    """A plane for each value of up to two other parameters, across and down, or for some of many.
+
+    `draw(axes, part, x, y)` draws one and returns the handles of its legend.
+    """
+    across, down = (subset(data.sizes[name], most) for name, most in zip(others, PANELS, strict=True))
+    width = min(2.0 + 5.0 * max(len(across), 2), 17.0)
+    figure, panels = figures.panels(len(down), len(across), width, 5.0 * len(down) + 3.5, sharex=True, sharey=True)
+    handles: dict[str, Any] = {}
+    for k, axes in enumerate(panels):
+        at = {others[0]: across[k % len(across)], others[1]: down[k // len(across)]}
+        drawn = draw(axes, data.isel(at).transpose(y, x, ...), x, y)
+        handles |= {handle.get_label(): handle for handle in drawn}
+        varying = [name for name in others if data.sizes[name] > 1]
+        text = ", ".join(labels.named(name, data[name][at[name]]) for name in varying)
+        axes.set_title(text, loc="left", fontsize=9.0)
+        axes.label_outer()
+    figure.legend(handles=list(handles.values()), loc="outside lower center", ncols=2 if width < 14.0 else 3)
+    left_out = "".join(of_all(chosen, data.sizes[n]) for n, chosen in zip(others, (across, down), strict=True))
+    figure.suptitle(figures.fitted(f"{title}{left_out}", width))
+    return figure
 
 
 def along(

@@ -12,9 +12,9 @@ import xarray as xr
 from fivcore import Rig, Scene
 from studies import runner, summary
 from studies.motion.scenes import scene_of
-from studies.nearest import nearest
 from studies.parameters import FRICTION, RIG, SCENE
 from studies.query.query import select
+from studies.spec import nearest
 from sweeps import InputError
 
 

@@ -77,7 +77,7 @@ def test_one_value_for_several_points_is_refused(function, parameters):
     common = study_of(function, parameters=parameters | {"order": Parameter([1, 2], "1", "order", common=True)})
     data = run(common)
     failed = data["status"] == FAILED
-    assert failed.any()
+    assert failed.sum() >= failed.size - 1  # the first point is a batch of its own
     assert all(re.search(r"1 value for \d points", text) for text in data["error"].values[failed.values])
 
 

@@ -21,6 +21,8 @@ LEVELS = np.array([0.0, 0.001, 0.3, 0.5, 0.9, 0.999, 1.0])
         ("lognormal:1:0.5", "point_b", "1", stats.lognorm(0.5), 0.0, 1.0),
         ("triangular:50:80:120deg", "theta", "degree", stats.triang(3.0 / 7.0, 50.0, 70.0), -90.0, 90.0),
         ("loguniform:10ns:1us", "d2", "s", stats.loguniform(1e-8, 1e-6), 0.0, np.inf),
+        ("normal:0.5:1kHz", "frequency_12", "Hz", stats.norm(500.0, 1000.0), 0.0, np.inf),
+        ("normal:0:1m", "length", "m", stats.norm(0.0, 1.0), 0.0, np.inf),
         ("uniform:-2mm/s:2mm/s", "V", "m s-1", stats.uniform(-2e-3, 4e-3), -np.inf, np.inf),
     ],
 )

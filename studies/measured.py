@@ -1,23 +1,42 @@
-"""Files of measured signals: CSV, WAV, universal files (data set 58), MATLAB. Nothing in them is executed."""
+"""Measured signals: files of them, and what can be said of one by the observer of the velocity of B of a run.
+
+Files are CSV, WAV, universal files (data set 58) and MATLAB; nothing in them is executed.
+
+The contact is unknown here. In place of a run's long sticks stand quiet spells: the root mean square over PERIODS
+periods of the main frequency, of the signal less its mean over a period of the band's lower end, stays below QUIET
+of its 99 % quantile for at least LEAST periods. Slip begins before a vibration has grown and ends before its
+ringing has decayed, so they are not the sticks. For spectra, what vibrates reaches MARGIN samples into them, or
+tapers would cut off where it begins.
+"""
 
 from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
+from scipy import io, ndimage
+from scipy import signal as filters
 
 from fivcore import InputError
 from fivcore.structure_files import reading, universal_file
+from fivcore.transient import observe
 from studies import spec
+from studies.motion import series
+from studies.plotting import figures
 from studies.results import expanded
-from studies.units import convert
+from studies.units import UnitError, convert
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = NDArray[Any]
 
@@ -26,6 +45,11 @@ TIME, RATE = (re.compile(text, re.I) for text in ("t|times?|elapsed|zeit|temps",
 HEAD, COMMAS = re.compile(r"(.*?) *(?:[\[(]([^\[(]*)[\])])?"), re.compile(r"\S*\d,\d\S*(\s+\S*\d,\d\S*)+")
 # A signal is clipped where so many times more values are the extreme one than the next: of a rounded sine 2.4.
 CLIPPED = 4
+PERIODS, QUIET, LEAST, MARGIN = 4.0, 0.2, 20.0, observe.WINDOW // 4
+# Least samples in a period of the band's upper end: those of a run at 10 kHz.
+SAMPLES = 5.0
+# Largest number of spectral lines, how far they stand out, and lie below the main one, dB.
+LINES, PROMINENCE, DEPTH = 8, 10.0, 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +96,8 @@ def _checked(values: Array) -> Array:
     if len(lost := np.flatnonzero(~np.isfinite(values))):
         text = f"{len(lost)} of {len(values)} samples are missing, first number {lost[0] + 1}"
         raise InputError(f"{text}; cut out a part without gaps")
+    if len(values) < 2:
+        raise InputError(f"it has less than two samples; it must have {observe.WINDOW} or more")
     if np.ptp(values) <= 1e-12 * np.abs(values).max(initial=0.0):
         raise InputError(f"it is constant, {values[0]:g}; choose a channel that moves")
     for extreme in (values.max(), values.min()):
@@ -104,8 +130,6 @@ def _table(columns: list[Signal], rate: float = 0.0) -> list[Signal]:
 
 def _text(file: Path) -> list[Signal]:
     """Columns of numbers, and their names above; separators are tabs, semicolons, commas or blanks."""
-    import pandas as pd
-
     lines = [line.strip(" ") for line in file.read_text("utf-8-sig", errors="replace").rstrip().splitlines()]
     last = lines[-1] if lines else ""
     between = next((mark for mark in "\t;," if mark in last and not COMMAS.fullmatch(last)), r"\s+")
@@ -118,11 +142,11 @@ def _text(file: Path) -> list[Signal]:
     rows = (k for k, line in enumerate(lines) if line and all(map(number.fullmatch, fields(line))))
     if (first := next(rows, None)) is None:
         raise InputError("it has no line of numbers")
-    how: dict[str, Any] = {"sep": between, "decimal": decimal, "header": None, "skip_blank_lines": False}
+    how: Any = {"sep": between, "decimal": decimal, "header": None, "skip_blank_lines": False}
     table = pd.read_csv(StringIO("\n".join(lines[first:])), dtype=float, **how).to_numpy().T
     if not first or len(names := fields(lines[first - 1])) != len(table):
         names, steps = [str(k) for k in range(1, len(table) + 1)], np.diff(table[0])
-        if len(table) > 1 and np.all(steps > 0.0) and np.ptp(steps) < steps.mean():
+        if len(table) > 1 and steps.size and steps.min() > 0.0 and np.ptp(steps) < steps.mean():
             names[0] = "t"
     heads = [HEAD.fullmatch(name) for name in names]
     return _table([Signal(h[1], v, h[2] or "") for h, v in zip(heads, table, strict=True) if h])
@@ -130,11 +154,9 @@ def _text(file: Path) -> list[Signal]:
 
 def _wav(file: Path) -> Iterator[Signal]:
     """Channels in units of the full scale: 1 for floats, the largest magnitude for whole numbers."""
-    from scipy.io import wavfile
-
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", wavfile.WavFileWarning)  # chunks of notes
-        rate, values = wavfile.read(file)
+        warnings.simplefilter("ignore", io.wavfile.WavFileWarning)  # chunks of notes
+        rate, values = io.wavfile.read(file)
     kind, size = values.dtype.kind, values.dtype.itemsize
     # 24 bits are the upper ones of 32; 8 bits alone have no sign.
     zero, scale = 128.0 * (kind == "u"), 1.0 if kind == "f" else 2.0 ** (8 * size - 1)
@@ -154,9 +176,7 @@ def _universal(file: Path) -> Iterator[Signal]:
 
 def _matlab(file: Path) -> list[Signal]:
     """Vectors, and the columns of matrices; a number fs, rate or sample_rate is the rate."""
-    from scipy.io import loadmat
-
-    found = {k: np.asarray(v) for k, v in loadmat(file).items() if np.ndim(v) == 2 and v.dtype.kind in "iuf"}
+    found = {k: np.asarray(v) for k, v in io.loadmat(file).items() if np.ndim(v) == 2 and v.dtype.kind in "iuf"}
     rates = [float(v.item()) for k, v in found.items() if v.size == 1 and RATE.fullmatch(k)]
     tables = {k: v if v.shape[0] >= v.shape[1] else v.T for k, v in found.items() if v.size > 1}
     return _table([Signal(k, column) for k, table in tables.items() for column in table.T], *rates[:1])
@@ -164,3 +184,79 @@ def _matlab(file: Path) -> list[Signal]:
 
 READERS: dict[str, Any] = dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".asc"), _text)
 READERS |= dict.fromkeys((".uff", ".unv"), _universal) | {".wav": _wav, ".mat": _matlab}
+
+
+def statistics(signal: Signal, band: tuple[float, float]) -> dict[str, Any]:
+    """Figures of a signal; see `studies.measure`."""
+    every = max(int(signal.rate / (SAMPLES * band[1])), 1)
+    values, rate = signal.values, signal.rate / every
+    values = filters.resample_poly(values, 1, every, padtype="line") if every > 1 else values
+    if len(values) < observe.WINDOW:
+        text = f"{signal.name} has {len(values)} samples at {rate:g} Hz"
+        raise InputError(f"{text}; it must have {observe.WINDOW}: record {observe.WINDOW / rate:.3g} s or more")
+    if not 0.0 < band[0] < min(band[1], 0.5 * rate):
+        raise InputError(f"band = {band}: it must lie between 0 and half the rate, {rate / 2:g} Hz")
+    quiet = quiet_spells(values, rate, band)
+    inner = quiet + np.array([MARGIN, -MARGIN]) / rate
+    observer = observe.observed(values, rate, inner[inner[:, 0] < inner[:, 1]], band)
+    duration, dominant = len(values) / rate, observer.moving.peak()
+    # Those that begin and end within the signal.
+    spells = quiet[(quiet[:, 0] > 0.0) & (quiet[:, 1] < duration)]
+    lengths, cycle = spells[:, 1] - spells[:, 0], duration / (len(spells) + 1) if len(spells) else 0.0
+    errors = observe.standard_errors(observer, observe.degrees_of_freedom(duration, cycle), lengths)
+    frequencies, levels = lines(observer)
+    rms = "signal_rms"
+    with suppress(InputError):
+        velocity(signal)
+        rms = "velocity_rms"
+    return {
+        **{"channel": signal.name, "unit": signal.unit, "rate": signal.rate, "analysed_rate": rate},
+        **{"duration": duration, "dominant_frequency": dominant, "periodicity": observer.periodicity(dominant)},
+        **{rms: observer.rms, f"{rms}_se": errors["velocity_rms"]},
+        "quiet_fraction": float(np.diff(quiet).sum()) / duration,
+        "mean_quiet_time": float(lengths.mean()) if len(lengths) else float("nan"),
+        **{"mean_quiet_time_se": errors["mean_stick_time"], "quiet_frequency": observer.stuck.peak()},
+        **{"quiet_starts": spells[:, 0], "quiet_times": lengths},
+        **{"line_frequencies": frequencies, "line_levels": levels},
+    }
+
+
+def quiet_spells(values: Array, rate: float, band: tuple[float, float]) -> Array:
+    """Begin and end of each quiet spell, (k, 2), s; none without a main frequency."""
+    whole = observe.Correlation(rate, band)
+    whole.add(values)
+    period = 1.0 / whole.peak()
+    moving = values - ndimage.uniform_filter1d(values, max(round(rate / band[0]), 1))
+    power = ndimage.uniform_filter1d(moving**2, round(PERIODS * rate * period) if period > 0.0 else 1)
+    spells = np.array(series.runs_of_true(power < QUIET**2 * np.quantile(power, 0.99))).reshape(-1, 2) / rate
+    return np.asarray(spells[spells[:, 1] - spells[:, 0] >= LEAST * period])
+
+
+def lines(observer: observe.Observer) -> tuple[Array, Array]:
+    """Frequencies of the spectral lines outside quiet spells, Hz, the strongest first, and levels below it, dB."""
+    frequency, power = observer.moving.frequency, observer.moving.power
+    level = figures.decibels(power / max(power.max(), 1e-300))
+    tops, _ = filters.find_peaks(level, prominence=PROMINENCE)
+    tops = tops[np.argsort(-level[tops], kind="stable")][:LINES]
+    tops = tops[level[tops] >= level[tops].max(initial=-np.inf) - DEPTH]
+    found = [observe.peak_of(frequency, power, (frequency[k], frequency[k])) for k in tops]
+    return np.array(found), level[tops] - level[tops[:1]]
+
+
+def velocity(signal: Signal) -> Signal:
+    """The signal in m/s, as runs are drawn; an `InputError` if it is no velocity."""
+    try:
+        return replace(signal, values=convert(1.0, signal.unit, "m s-1", "what is drawn") * signal.values)
+    except UnitError as problem:
+        raise InputError(f"unit = {signal.unit}: {problem}; nothing is integrated") from None
+
+
+def draw(panels: Sequence[Axes], signal: Signal) -> None:
+    """A measured `velocity` in the last row of panels, mm/s, and its spectrum in all of the right column."""
+    time, frequency = np.arange(len(signal.values)) / signal.rate, series.frequencies(signal.rate).values / 1e3
+    power = figures.decibels(series.spectrum(signal.values, np.ones(len(time), dtype=bool), signal.rate))
+    panels[-2].set_title(f"measured: {signal.name}", loc="left")
+    panels[-2].set_ylabel("velocity / (mm/s)")
+    figures.trace(panels[-2], time, 1e3 * signal.values, color=figures.ORANGE)
+    for right in panels[1::2]:
+        right.plot(frequency, power, color=figures.ORANGE, linewidth=0.8, label="measured")

@@ -1,1 +1,0 @@
-"""Measured signals: files of them, and what can be said of one."""
