@@ -147,7 +147,7 @@ def _block_lanczos(M: Any, solve: Callable[[Array], Array], shift: float, limit:
     frequency are found.
     """
     n, random, most = M.shape[0], np.random.default_rng(0), max(count, 1)
-    # Columns lie one behind the other, so that those there are need no copy.
+    # In Fortran order the first columns are contiguous, so products with them need no copy.
     basis, small, size, checked = np.empty((n, min(n, 4 * most)), order="F"), np.zeros((0, 0)), 0, 0
     block = _orthonormal(M, basis[:, :0], random.standard_normal((n, WIDTH)), random)
     while True:

@@ -229,7 +229,7 @@ def reduced_model(rig: Structural, theta: float, cutoff: float | None = None) ->
     full, own = full_model(rig, theta), structure_of(rig, theta).motion
     cutoff = default_cutoff(rig) if cutoff is None else cutoff
     kept, modes = full.stiffness < (2.0 * np.pi * cutoff) ** 2, len(full.stiffness) - own.static
-    # Static modes stand for a residual.
+    # Static modes represent the residual flexibility and are never kept.
     kept[modes:] = False
     if kept.sum() < (least := min(modes, 3)):
         lowest = float(np.sqrt(np.sort(full.stiffness)[least - 1])) / (2.0 * np.pi)

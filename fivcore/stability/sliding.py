@@ -72,8 +72,8 @@ class SlidingModes(ReadOnlyArrays):
     def shape(self) -> Complex:
         """(..., modes, nodes, 3): displacement along x, along y, and rotation; the largest translation is 1.
 
-        P1's nodes from A to C come first, then P2's from the clamp to the free end (`node_positions`). Of a
-        structure (..., modes, n): modal coordinates, the largest of which is 1.
+        P1's nodes from A to C come first, then P2's from the clamp to the free end (`node_positions`). For a
+        structure: modal coordinates, (..., modes, n), scaled so that the largest is 1.
         """
         rig, modes = self.rig, len(structure_of(self.rig, 0.0).frequency)
         size = (rig.p1.elements + rig.p2.elements + 2, 3) if isinstance(rig, Rig) else (modes,)

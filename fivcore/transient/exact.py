@@ -114,7 +114,7 @@ class ExactRun(SteppedRun):
         elif self._ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(y)
-        # Rigid surfaces may be given any rates: the start is an impact, of which those at rest notice nothing.
+        # Rigid surfaces may start with any rates: an impact corrects them, and does nothing to surfaces at rest.
         self._decide(0.0, y, options.contact, touchdown=self.rigid and options.contact != SEPARATION)
 
     def state(self) -> tuple[Array, Array, Array]:

@@ -16,7 +16,7 @@ from sweeps import Variable
 
 # Shares of the largest knock that are tried in turn: starts of vibration may fill several intervals.
 SCAN = 2.0 ** np.arange(-12.0, 0.125, 0.25)
-# Knocks that no experiment tells from 1: only chaotic transients make them lead to different motions.
+# Factors of a knock that differ from 1 in the ninth digit: they change the regime only in chaotic transients.
 NEARBY = 1.0 + 1e-9 * np.arange(1.0, 5.0)
 PARAMETERS = {
     "largest_knock": Parameter(

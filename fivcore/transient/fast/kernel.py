@@ -179,7 +179,7 @@ def holding(scene: Any, vN: float, vT: float) -> Any:
 
 @called
 def going_on(scene: Any, law: Any, vN: float, vT: float, slip_rate: float) -> Any:
-    """Slip speed (negative: it has passed zero) and N of a rigid contact whose slip goes on from `slip_rate`."""
+    """Slip speed (negative: it has passed zero) and N of a rigid contact that goes on slipping at `slip_rate`."""
     way = np.sign(scene.last_T)
     if len(law) > 0:
         speed, N, _, _ = falling(scene, law, 0.0, 0.0, vN, vT, way, slip_rate)
