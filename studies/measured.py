@@ -197,7 +197,8 @@ def statistics(signal: Signal, band: tuple[float, float]) -> dict[str, Any]:
     if not 0.0 < band[0] < min(band[1], 0.5 * rate):
         raise InputError(f"band = {band}: it must lie between 0 and half the rate, {rate / 2:g} Hz")
     quiet = quiet_spells(values, rate, band)
-    inner = quiet + np.array([MARGIN, -MARGIN]) / rate
+    # Half a sample before, so that rounding of the rate moves no sample across an edge.
+    inner = quiet + (np.array([MARGIN, -MARGIN]) - 0.5) / rate
     observer = observe.observed(values, rate, inner[inner[:, 0] < inner[:, 1]], band)
     duration, dominant = len(values) / rate, observer.moving.peak()
     # Those that begin and end within the signal.

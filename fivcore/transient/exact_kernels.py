@@ -243,14 +243,13 @@ def follow(
             _keep_closed(new, which, system, drive[1] + (t + taken - drive[0]) * drive[2])
         after = rates(t + taken, new, which, system, drive, stages[12])
         error = _error(taken, z, new, stages, zeros[3:])
-        if not error < 1.0:
+        unique = values[4] > 0.0 and after[4] > 0.0
+        if not (error < 1.0 and unique):
             h = taken * (max(0.2, 0.9 * error**-0.125) if error >= 1.0 else 0.2)
-            if h > max(SHORTEST, 1e-15 * t):
+            # Shorter and shorter steps lead to the force at which the slip rate is not unique.
+            if h > max(SHORTEST, 1e-15 * t) and values[4] > 0.0:
                 continue
-            event, h = LOST, values[0]
-            break
-        if not (values[4] > 0.0 and after[4] > 0.0):
-            event, h = NOT_UNIQUE, after[0]
+            event, h = LOST if unique else NOT_UNIQUE, values[0]
             break
         grown = taken * min(5.0, 0.9 * max(error, 1e-6) ** -0.125)
         h = max(grown, h) if reaches else grown

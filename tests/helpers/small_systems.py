@@ -144,7 +144,7 @@ def by_exact(system, duration, step, every=8):
     scene = Normalised(Rig(), 0.0, speed, system.mu, 1.0, 1.0)
     given = {"initial": State(system.q, system.v, system.contact), "ramp": 0.0, "settle": 0.0, "step": step}
     options = RunOptions(duration=duration, method="exact", record=("state",), sample_rate=1.0 / step, **given)
-    rows, places = [], []
+    rows, times, places = [], [], []
     with (
         mock.patch.object(exact, "reduced_model", return_value=system.model),
         mock.patch.object(exact, "residual_gaps", return_value=np.array(system.u)),
@@ -154,9 +154,9 @@ def by_exact(system, duration, step, every=8):
         while not run.done:
             run.advance()
             rows += [segment.rows for segment in run.segments]
+            times.append(run._motion[-3])
             places.append(run.state()[0] + run.model.static_equilibrium)
-    times = np.minimum(np.arange(1, len(places) + 1) * every, run.steps) * step
-    return times, np.array(places), np.concatenate(rows)
+    return np.array(times), np.array(places), np.concatenate(rows)
 
 
 def by_paper(system, duration, step, every=1, b=published.BETA2, tau=None):

@@ -98,6 +98,16 @@ def test_each_format_gives_the_numbers_of_the_signal(tmp_path, motion, name):
     np.testing.assert_allclose(found["line_frequencies"][:2], expected["line_frequencies"][:2], rtol=1e-3)
 
 
+def test_rounding_of_the_rate_changes_statistics_by_no_more(motion):
+    """Spells begin and end between samples, whatever the last digits of the rate."""
+    _, _, v = motion
+    one, *others = (
+        statistics(Signal("v", v, "mm/s", RATE * share), BAND)["dominant_frequency"]
+        for share in (1.0, 1.0 - 1e-9, 1.0 + 1e-9)
+    )
+    assert others == pytest.approx([one] * 2, rel=1e-8)
+
+
 @pytest.mark.parametrize(("V", "d2"), [(1e-3, 1.5e-7), (2e-3, 1e-8), (5e-3, 1e-8)])
 def test_numbers_agree_with_the_summary_of_the_run(V, d2):
     """What both can know; the contact alone tells where sticks begin and end."""
