@@ -190,7 +190,7 @@ def test_the_kernels_step_in_slip_is_the_map(scene, cutoff):
 def test_what_the_bound_allows_never_ends_slip(V, monkeypatch):
     """The largest deviation of a kind for which the proof holds; slow scenes end by sticking, fast ones by N."""
     run, sliding, speed = run_in_slip(replace(STABLE, V=V))
-    monkeypatch.setattr(steady, "TOLERANCE", np.inf)
+    monkeypatch.setattr(steady, "STEADY_TOLERANCE", np.inf)
     size, kind = len(run.model.normal), np.random.default_rng(0).standard_normal(len(sliding.state))
     kind[:size] /= 1e4
     kind[-1] = 0.0

@@ -16,7 +16,7 @@ import numpy as np
 
 from fivcore.contact.reduced import default_cutoff, modified, reduced_model
 from fivcore.jit import Array
-from fivcore.rig import Structural
+from fivcore.rig import ContactModel
 from fivcore.transient.fast.solver import Solver, solver_of
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
@@ -26,7 +26,7 @@ FINER, HIGHER = 4, 4.0
 LEAD, LONGEST, AFTER = 3e-3, 21e-3, 3e-3
 
 
-def finer_cutoff(rig: Structural) -> float:
+def finer_cutoff(rig: ContactModel) -> float:
     """Cut-off of the finer model, Hz."""
     return HIGHER * default_cutoff(rig)
 

@@ -22,9 +22,9 @@ from fivcore.jit import Array
 from fivcore.rig import Rig
 from fivcore.transient.fast import layout, onset
 from fivcore.transient.fast.kernel import advance
-from fivcore.transient.fast.skip import NONE, SkipTables, skip_tables, workspace_for
+from fivcore.transient.fast.skip import NO_TABLES, SkipTables, skip_tables, workspace_for
 from fivcore.transient.fast.solver import Solver, put, solver_of, take
-from fivcore.transient.fast.steady import NEAR, SteadySliding, sliding_growth, steady_sliding
+from fivcore.transient.fast.steady import NEARLY_STEADY, SteadySliding, sliding_growth, steady_sliding
 from fivcore.transient.normalised import Normalised, State, displacement, residual_gaps, slip_distance
 from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import (
@@ -84,7 +84,7 @@ class FastRun:
         self._row_every = options.rows(self.step)[0]
         self.rate = 1.0 / (self._sample_every * self.step)
         self.may_settle = options.end_early and bool(model.K.any()) and law.constant
-        self._short, self._long = SHORT_SEGMENT * scene.rig.time_unit, LONG_SEGMENT * scene.rig.time_unit
+        self._short, self._long = SHORT_SEGMENT * scene.rig.time_scale, LONG_SEGMENT * scene.rig.time_scale
         self._length, self._fine_energy = self._short, False
         # The step at which the phase ends, if nothing has ended it, and that at which its segment ends, which a
         # record may cut into several.
@@ -169,7 +169,7 @@ class FastRun:
         if contact == STICK:
             record["next_skip"] = 0
 
-    def again(self, options: RunOptions) -> FastRun:
+    def resumed(self, options: RunOptions) -> FastRun:
         """Return a run that continues this one after its end."""
         run: FastRun = duplicate(self)
         run.blocks, run.options, run.begun = aligned(self.blocks), options, self.time
@@ -262,7 +262,7 @@ class FastRun:
         """Decide where the next segment ends and what ends it before; return tables of its skips."""
         record, solver, finer = self.record, self._solver, self._finer
         every, rows = self._sample_every * finer, self._row_every * finer
-        now, tables = int(record["now"][0]), NONE
+        now, tables = int(record["now"][0]), NO_TABLES
         # No skip crosses a multiple of this; segments end there, so that recording changes nothing.
         grid = layout.MAX_SKIP * every
         if now >= self._until:
@@ -283,8 +283,8 @@ class FastRun:
         energy = 1 if self._fine_energy else every
         record["energy_every"], record["next_energy"] = energy, -(-now // energy) * energy
         record["row_every"], record["next_row"] = rows, -(-now // rows) * rows if rows else layout.NEVER
-        record["may_skip"] = tables is not NONE
-        if tables is NONE:
+        record["may_skip"] = tables is not NO_TABLES
+        if tables is NO_TABLES:
             record["next_skip"] = layout.NEVER
         elif record["contact"] == STICK:
             # At the next sample at the earliest.
@@ -391,7 +391,7 @@ class FastRun:
     def _settled(self, segment: Segment) -> SteadySliding | None:
         """Steady sliding, if nothing else can follow a segment; a proof is tried only where it looks so."""
         speed = self.scene.speed_per_load
-        if not (self.may_settle and self._slip_variation(segment) <= NEAR * speed):
+        if not (self.may_settle and self._slip_variation(segment) <= NEARLY_STEADY * speed):
             return None
         steady = steady_sliding(self.model, self._kinetic, self.step)
         self.may_settle = steady is not None and steady.decays

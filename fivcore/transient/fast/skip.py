@@ -30,7 +30,7 @@ from fivcore.transient.fast.solver import places_of
 from fivcore.transient.statistics import STICK
 
 # Largest error of the eigenvectors, and smallest |z|, by which outputs of the step before are divided.
-ACCURATE, LEAST = 1e-10, 1e-3
+ACCURATE, LEAST_EIGENVALUE = 1e-10, 1e-3
 # Eigenvalues and modes come in so many, that vector registers are full; empty places have zero amplitude.
 EIGHT = 8
 # Samples that are evaluated together.
@@ -74,20 +74,20 @@ class SkipTables(NamedTuple):
 
 
 # Tables of a run without skips.
-_NONE: dict[str, Any] = {name: np.zeros((0, 0)) for name in SkipTables._fields}
-NONE = SkipTables(**_NONE | {"logarithm": np.zeros(0), "numbers": np.zeros(0, dtype=np.int64)})
+_EMPTY: dict[str, Any] = {name: np.zeros((0, 0)) for name in SkipTables._fields}
+NO_TABLES = SkipTables(**_EMPTY | {"logarithm": np.zeros(0), "numbers": np.zeros(0, dtype=np.int64)})
 
 
 @lru_cache(maxsize=64)
 @one_blas_thread()
 def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTables:
-    """Tables of a skip, samples being `sample_every` steps apart; NONE where stick has no decaying eigenvectors.
+    """Tables of a skip, `sample_every` steps between samples; NO_TABLES where stick has no decaying eigenvectors.
 
     They are the same whatever mu, V and F. In rigid contact there are none: forces alone do not tell stick and
     its end apart.
     """
     if not model.K.any():
-        return NONE
+        return NO_TABLES
     contact, gaps, size = model.discrete(step), model.shapes, len(model.normal)
     stick, dissipation, mobility = step_map(model, step), model.dissipation(contact), contact.delassus
     try:
@@ -98,9 +98,9 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
         behind = np.linalg.solve(still, steady)
         dashpot = np.linalg.cholesky(dissipation).T if dissipation.any() else np.zeros((2, 2))
     except np.linalg.LinAlgError:
-        return NONE
-    if not error < ACCURATE or not np.abs(z).max() < 1.0 or not np.abs(z).min() > LEAST:
-        return NONE
+        return NO_TABLES
+    if not error < ACCURATE or not np.abs(z).max() < 1.0 or not np.abs(z).min() > LEAST_EIGENVALUE:
+        return NO_TABLES
     # One of each conjugate pair, counted twice; empty places have no amplitude.
     kept = np.flatnonzero(z.imag >= 0.0)
     empty = ((0, -len(kept) % EIGHT), (0, 0))
