@@ -60,7 +60,7 @@ def fast_state(step, time, modify=None):
     assert run.steps == steps
     while not run.done:
         run.advance()
-    return take(run.blocks, run.places, layout.Q) + run._shift
+    return take(run.blocks, run.places, layout.Q) + run.shift
 
 
 @pytest.mark.parametrize(("near", "most"), [(0.0085, 2e-8), (0.0100, 1e-5)])

@@ -26,6 +26,7 @@ from fivcore.contact.reduced import ReducedModel
 from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.jit import Array, called, reordered_call
 from fivcore.transient.fast import layout
+from fivcore.transient.fast.onset import BEFORE_SLIP, MOTION
 from fivcore.transient.fast.solver import places_of
 from fivcore.transient.statistics import STICK
 
@@ -180,6 +181,22 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     )
     whole: Any = (np.ascontiguousarray(table) for table in tables)
     return SkipTables(*whole)
+
+
+def prepare(run: Any) -> SkipTables:
+    """Let the next segment skip quiet stick, if it is the run's own model that moves at constant drive."""
+    record, tables = run.record, NO_TABLES
+    moves = run.phase in (BEFORE_SLIP, MOTION) and run.now * run.step >= run.ramp
+    if moves and run.options.skip_sticks:
+        tables = skip_tables(run.solver.model, run.solver.step, int(record["sample_every"][0]))
+    record["may_skip"] = tables is not NO_TABLES
+    if tables is NO_TABLES:
+        record["next_skip"] = layout.NEVER
+    elif record["contact"] == STICK:
+        # At the next sample at the earliest.
+        due = int(record["next_skip"][0])
+        record["next_skip"] = max(due if due < layout.NEVER else 0, int(record["next_sample"][0]))
+    return tables
 
 
 def workspace_for(tables: SkipTables) -> tuple[Array, ...]:
