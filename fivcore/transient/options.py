@@ -78,9 +78,9 @@ class Options:
     Parameters
     ----------
     method : {"fast", "exact", "paper"}
-        Symmetric steps of second order of the reduced model; the same model driven from event to event, some
-        600 times slower for the paper's rig, and more where friction falls with the speed; the published
-        scheme (Newmark with the friction law of Prakash and Clifton) on all modes.
+        Symmetric steps of second order of the reduced model; the same model integrated from event to event, some
+        500 times slower for the paper's rig; the published scheme (Newmark with the friction law of Prakash and
+        Clifton) on all modes.
     numerical_damping : {"published", "none"}, optional
         "published": with the stiffness damping that the published scheme adds of its own, (beta2 - 1/2) times its
         step of 2e-8 s, of a structure its default step: "fast" and "exact" add it to the rig's d2. "none": the
