@@ -158,8 +158,6 @@ TOO_EXPENSIVE |= {
     "every mode": ("exact",),
     "1 s, vibrating": ("paper",),
 }
-# What "exact" says where one mode is slower by many orders of magnitude.
-TOO_SLOW: dict[str, Any] = {"expected": {"exact": DIVERGENCE}}
 AT_REST: Any = {"force": 1.0}
 THROWN: Any = {"duration": 2e-4, "start": partial(_at_rest, contact=OPEN, gap=1e-6, fall=1.0)}
 BLOWN, ALONG = "all modes as after a blow of 4 us", "P1's tip moving along P2 at {} as contact is made"
@@ -244,16 +242,16 @@ GROUPED: dict[str, list[Case]] = {
                THROWN))),
         _rig("no head", "no mass at A", Rig(head_mass=0.0)),
         _rig("head of 1 mg", "a head of 1 mg", Rig(head_mass=1e-6)),
-        _rig("head of 1 t", "a head of 1000 kg", Rig(head_mass=1e3), **TOO_SLOW),
-        _rig("head of 1e9 kg", "a head of 1e9 kg", Rig(head_mass=1e9), **TOO_SLOW),
+        _rig("head of 1 t", "a head of 1000 kg", Rig(head_mass=1e3)),
+        _rig("head of 1e9 kg", "a head of 1e9 kg", Rig(head_mass=1e9)),
         _rig("contact 1 um from the clamp", "the contact 1 um from P2's clamp", Rig(contact_position=1e-6)),
         _rig("contact 1 mm from the clamp", "the contact 1 mm from P2's clamp", Rig(contact_position=1e-3)),
         _rig("contact at the free end", "the contact at P2's free end", Rig(contact_position=0.15))],
     "damping": [
         _rig("no damping", "d1 = d2 = 0", Rig(d1=0.0, d2=0.0)),
         _rig("d2 = 0", "no damping on the stiffness", Rig(d2=0.0)),
-        _rig("d1 = 5e4 1/s", "a damping on the mass of 5e4 1/s", Rig(d1=5e4), **TOO_SLOW),
-        _rig("d1 = 1e7 1/s", "a damping on the mass of 1e7 1/s", Rig(d1=1e7), **TOO_SLOW),
+        _rig("d1 = 5e4 1/s", "a damping on the mass of 5e4 1/s", Rig(d1=5e4)),
+        _rig("d1 = 1e7 1/s", "a damping on the mass of 1e7 1/s", Rig(d1=1e7)),
         _rig("d2 = 1 us", "a damping on the stiffness of 1 us", Rig(d2=1e-6)),
         _rig("d2 = 100 us", "a damping on the stiffness of 100 us", Rig(d2=1e-4))],
     "drive": [
