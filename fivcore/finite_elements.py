@@ -240,14 +240,15 @@ def _check_mass(M: Any, names: Any) -> None:
 
 
 def static_modes(compliance: Array, largest: float) -> tuple[Array, Array, Array, Array]:
-    """Stiffness, normal and tangential shape and load, (1 or 2,), of modes with a static compliance (3, 3).
+    """Stiffness, normal and tangential shapes and load of modes, at most 2 c, with a static compliance.
 
-    Its rows are normal, tangential and load. Their frequencies are so far above all others that their dynamic
+    Its rows are those of c normal gaps, as many tangential ones, and the load. Their frequencies are so far above all others that their dynamic
     compliance differs from the static one by 1e-12 at the highest frequency.
     """
-    values, vectors = np.linalg.eigh(compliance[:2, :2])
+    values, vectors = np.linalg.eigh(compliance[:-1, :-1])
     kept = values > 1e-9 * max(values.max(), 0.0)
     root = np.sqrt(STATIC * largest)
     shapes = vectors[:, kept] * np.sqrt(values[kept]) * root
-    load = (compliance[2, :2] @ vectors[:, kept]) / np.sqrt(values[kept]) * root
-    return np.full(int(kept.sum()), STATIC * largest), shapes[0], shapes[1], load
+    load = (compliance[-1, :-1] @ vectors[:, kept]) / np.sqrt(values[kept]) * root
+    normal, tangential = shapes if len(shapes) == 2 else np.split(shapes, 2)
+    return np.full(int(kept.sum()), STATIC * largest), normal, tangential, load

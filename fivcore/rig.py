@@ -105,6 +105,8 @@ class ContactModel:
     # Normal force at rest for a unit load, and the unit of the times that a run chooses by itself.
     preload: Any = 1.0
     time_scale: Any = 1.0
+    # Number of places in which it touches.
+    contacts: Any = 1
     d1: float
     d2: float
     _repr_html_: Any

@@ -8,6 +8,9 @@ of the drive), contact forces N and T and the load F,
 Modes that a finite-element model has beyond those that are computed act by their static compliance: two modes far
 above all others have it (`static_modes`). Stability needs the modes of its band, motion those that take part in
 impacts: from matrices, `MOTION_MODES` modes that move the gaps.
+
+A structure may touch in c places: then n and t have c rows, and each contact has an initial gap and a factor of mu.
+Which contacts the load closes is a result (`equilibrium`).
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, cast
@@ -27,6 +30,7 @@ from scipy.sparse.csgraph import connected_components
 from fivcore import checks
 from fivcore.beams.elements import axial
 from fivcore.beams.modes import contact_modes, one_blas_thread, residual_flexibility, rig_bases
+from fivcore.contact.statics import resting
 from fivcore.damping import BAND_SHARE, fitted, tied_modes, tied_ratios
 from fivcore.errors import DampingWarning, InputError
 from fivcore.finite_elements import DENSE_SIZE, checked_matrix, free_rows, lowest_modes, static_modes
@@ -62,7 +66,7 @@ class Structure(ContactModel, ReadOnlyArrays):
     ----------
     stiffness, damping : ndarray, (n,)
         Squared angular frequencies, rad2/s2, 0 for a rigid motion; damping, 1/s.
-    normal, tangential : ndarray, (n,)
+    normal, tangential : ndarray, (n,), or (c, n) with several contacts
         What a unit of each modal coordinate adds to the normal and the tangential gap, kg^-1/2.
     inertia, output, load : ndarray, (n,)
         Modal force for a unit acceleration of the drive; velocity that is observed; modal forces of a unit load.
@@ -78,6 +82,8 @@ class Structure(ContactModel, ReadOnlyArrays):
         The structure for motion, where that needs more modes than stability.
     struck : ndarray, (n,), or None
         `normal` of the bodies that the load acts on, which a knock moves; None: `normal`, of all that is computed.
+    gap, friction : ndarray, (c,), or None
+        Of several contacts: initial gaps, m, and factors of mu; None with one contact.
     """
 
     stiffness: Array
@@ -93,6 +99,8 @@ class Structure(ContactModel, ReadOnlyArrays):
     cutoff: float | None = None
     wider: Structure | None = None
     struck: Array | None = None
+    gap: Array | None = None
+    friction: Array | None = None
 
     @classmethod
     def of(cls, rig: Rig, theta: float) -> Structure:
@@ -113,6 +121,8 @@ class Structure(ContactModel, ReadOnlyArrays):
         d1: float = 0.0,
         d2: float = 0.0,
         damping_ratio: Any = None,
+        gap: Any = None,
+        friction: Any = None,
     ) -> Structure:
         """Take mass-normalised modes; all that the structure has, so that the surfaces touch rigidly.
 
@@ -120,9 +130,9 @@ class Structure(ContactModel, ReadOnlyArrays):
         ----------
         frequency : array_like, (n,)
             Hz, of the structure with its contact open; 0 for a rigid motion.
-        normal, tangential : array_like, (n,)
+        normal, tangential : array_like, (n,) or (c, n)
             What a unit of each modal coordinate adds to the gaps, kg^-1/2: the normal one opens, the tangential
-            one is the motion of the structure's surface along the drive.
+            one is the motion of the structure's surface along the drive. A row for each of c contacts.
         load : array_like, (n,)
             Modal forces of a unit load, kg^-1/2.
         output : array_like, (n,), optional
@@ -134,6 +144,9 @@ class Structure(ContactModel, ReadOnlyArrays):
             Rayleigh damping, 1/s and s.
         damping_ratio : float or array_like, (n,), optional
             Damping ratios of these modes, in addition. Those of tied modes: `damped`.
+        gap, friction : float or array_like, (c,), optional
+            Of several contacts: initial gaps, m, 0 where they touch without load (default), positive where they
+            are open; factors of the coefficient of friction. Default: 0 and 1.
 
         Raises
         ------
@@ -145,10 +158,11 @@ class Structure(ContactModel, ReadOnlyArrays):
             raise InputError(f"frequency = {omega.min() / (2.0 * np.pi):g}: it must be 0 or above (Hz)")
         n = len(omega)
         given = {"normal": normal, "tangential": tangential, "load": load}
-        rows = [_row(name, row, n) for name, row in given.items()]
-        read = rows[1] if output is None else _row("output", output, n)
+        rows = [(_row if name == "load" else _rows)(name, row, n) for name, row in given.items()]
+        own, rows[:2] = contact_rows(rows[0], rows[1], gap, friction)
+        read = observed(rows[1]) if output is None else _row("output", output, n)
         inertia = np.zeros(n) if drive is None else -_row("drive", drive, n)
-        return _modal(omega**2, rows, inertia, read, (d1, d2), damping_ratio)
+        return _modal(omega**2, rows, inertia, read, (d1, d2), damping_ratio, own)
 
     @classmethod
     @one_blas_thread()
@@ -166,6 +180,8 @@ class Structure(ContactModel, ReadOnlyArrays):
         d1: float = 0.0,
         d2: float = 0.0,
         damping_ratio: Any = None,
+        gap: Any = None,
+        friction: Any = None,
         fmax: float | None = None,
         names: Sequence[str] | None = None,
     ) -> Structure:
@@ -184,10 +200,10 @@ class Structure(ContactModel, ReadOnlyArrays):
             Symmetric, kg and N/m (or kg m2 and N m); mass positive definite, stiffness semidefinite.
         normal, tangential, load, output, drive : array_like, (n,), or dict {dof: weight}
             As for `from_modes`, as rows over the degrees of freedom; `drive` is mass times the motion of all for a
-            unit motion of the base.
+            unit motion of the base. Of several contacts `normal` and `tangential` are lists of rows.
         damping : array_like or sparse, (n, n), optional
             N s/m. The diagonal in modal coordinates is used; `remarks` says what is left out.
-        d1, d2, damping_ratio :
+        d1, d2, damping_ratio, gap, friction :
             As for `from_modes`.
         fmax : float, optional
             Highest frequency of a mode for stability, Hz. Default: 10 kHz for more than 600 degrees of freedom.
@@ -207,20 +223,27 @@ class Structure(ContactModel, ReadOnlyArrays):
         K = checked_matrix("stiffness", stiffness, n)
         C = None if damping is None else checked_matrix("damping", damping, n)
         given = {"normal": normal, "tangential": tangential, "load": load, "output": output, "drive": drive}
-        rows = {name: _over_dofs(name, row, n) for name, row in given.items() if row is not None}
+        rows = {
+            name: _over_dofs(name, row, n)
+            for name, row in given.items()
+            if row is not None and name not in ROWS[:2]
+        }
+        first, second = (_rows(name, given[name], n, _over_dofs) for name in ROWS[:2])
+        parts, (rows["normal"], rows["tangential"]) = contact_rows(first, second, gap, friction)
         if names is not None and len(names) != n:
             raise InputError(f"names: there are {len(names)}; it must be {n}, one for each degree of freedom")
         remarks, free, diagonal = tuple[str, ...](), free_rows(K), K.diagonal()
         name = np.array([f"degree of freedom {dof}" for dof in range(n)] if names is None else names)[free]
         if not free.all():
             M, K, C = (None if each is None else each[free][:, free] for each in (M, K, C))
-            rows = {each: row[free] for each, row in rows.items()}
+            rows = {each: row[..., free] for each, row in rows.items()}
             remarks = (f"stiffness: {n - len(name)} degrees of freedom are held, with {diagonal.max():g}",)
-        contact = np.stack([rows["normal"], rows["tangential"], rows["load"]])
+        contact = np.vstack([rows["normal"], rows["tangential"], rows["load"]])
         band = None if fmax is None else checks.band(fmax)
         band = 10e3 if band is None and n > DENSE_SIZE else band
         struck = _of_loaded_bodies(M, K, rows["normal"], rows["load"])
-        output_row, drive_row = rows.get("output", rows["tangential"]), rows.get("drive", np.zeros(len(name)))
+        output_row = rows.get("output", observed(rows["tangential"]))
+        drive_row = rows.get("drive", np.zeros(len(name)))
 
         def up_to(top: float | None) -> Structure:
             values, vectors, compliance, rigid = lowest_modes(M, K, top, contact, name)
@@ -228,12 +251,13 @@ class Structure(ContactModel, ReadOnlyArrays):
             if np.ndim(ratio) == 1 and top != band:
                 # Further modes have the last ratio.
                 ratio = np.pad(ratio, (0, max(len(values) - len(ratio), 0)), mode="edge")
-            inertia, read, own = -drive_row @ vectors, output_row @ vectors, list(contact @ vectors)
-            found = _modal(values, own, inertia, read, (d1, d2), ratio, compliance, vectors, name)
+            inertia, read = -drive_row @ vectors, output_row @ vectors
+            own = [rows[each] @ vectors for each in ("normal", "tangential", "load")]
+            found = _modal(values, own, inertia, read, (d1, d2), ratio, parts, compliance, vectors, name)
             text = f"stiffness: motions below {rigid:.2g} Hz, which is its rounding, count as rigid"
             found = replace(found, remarks=(*found.remarks, *remarks, *([text] if rigid else [])))
             if not np.array_equal(struck, rows["normal"]):
-                found = replace(found, struck=np.pad(struck @ vectors, (0, found.static)))
+                found = replace(found, struck=_padded(struck @ vectors, found.static))
             return found if C is None else _with_matrix(found, vectors.T @ (C @ vectors))
 
         return _for_motion(up_to(band), band, len(name), up_to)
@@ -249,8 +273,8 @@ class Structure(ContactModel, ReadOnlyArrays):
     def digest(self) -> str:
         """Digest of all numbers, and of the law of damping, by which stability is computed."""
         rows = [getattr(self, name) for name in ("stiffness", "damping", *ROWS)]
-        content = np.stack(rows).tobytes() + np.array(self.rayleigh or (np.nan, np.nan)).tobytes()
-        content += b"" if self.struck is None else self.struck.tobytes()
+        content = np.vstack(rows).tobytes() + np.array(self.rayleigh or (np.nan, np.nan)).tobytes()
+        content += b"".join(each.tobytes() for each in (self.struck, self.gap, self.friction) if each is not None)
         content += bytes([self.static]) + (b"" if self.cutoff is None else f"cutoff {self.cutoff!r}".encode())
         return sha256(content + (self.wider.digest.encode() if self.wider else b"")).hexdigest()
 
@@ -259,6 +283,8 @@ class Structure(ContactModel, ReadOnlyArrays):
         rows = {name: getattr(self, name).tolist() for name in ("stiffness", "damping", *ROWS)}
         own = {"rayleigh": self.rayleigh, "static": self.static, "remarks": list(self.remarks)}
         own |= {"struck": None if self.struck is None else self.struck.tolist()}
+        if self.gap is not None and self.friction is not None:
+            own |= {"gap": self.gap.tolist(), "friction": self.friction.tolist()}
         return rows | own | {"cutoff": self.cutoff, "wider": self.wider.to_dict() if self.wider else None}
 
     @classmethod
@@ -269,7 +295,9 @@ class Structure(ContactModel, ReadOnlyArrays):
         found = cls(**rows, rayleigh=rayleigh, static=int(content["static"]), remarks=tuple(content["remarks"]))
         wider, struck = content.get("wider"), content.get("struck")
         found = replace(found, cutoff=content.get("cutoff"), wider=cls.from_dict(wider) if wider else None)
-        return found if struck is None else replace(found, struck=np.array(struck, float))
+        given: dict[str, Any] = {"struck": struck, "gap": content.get("gap"), "friction": content.get("friction")}
+        given = {name: np.array(each, float) for name, each in given.items() if each is not None}
+        return replace(found, **given)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Structure) and self.digest == other.digest
@@ -279,7 +307,8 @@ class Structure(ContactModel, ReadOnlyArrays):
 
     def __repr__(self) -> str:
         top = self.frequency[-1] if len(self.frequency) else 0.0
-        return f"Structure({len(self.frequency)} modes up to {top:.6g} Hz, {self.digest[:12]})"
+        several = f"{self.contacts} contacts, " if self.contacts > 1 else ""
+        return f"Structure({several}{len(self.frequency)} modes up to {top:.6g} Hz, {self.digest[:12]})"
 
     def _repr_html_(self) -> str:
         own = (("modes", f"{len(self.frequency)}", "1"), ("preload", f"{self._normal_force[0]:g}", "1"))
@@ -302,9 +331,26 @@ class Structure(ContactModel, ReadOnlyArrays):
         """Frequencies of the modes that were computed, (m,), Hz."""
         return np.asarray(np.sqrt(self.stiffness[: len(self.stiffness) - self.static]) / (2.0 * np.pi))
 
+    @property
+    def contacts(self) -> int:
+        """Number of places in which the structure touches."""
+        return 1 if self.gap is None else len(self.gap)
+
+    def equilibrium(self, F: float = 1.0) -> tuple[Array, Array]:
+        """Normal forces, N, and gaps, m, of the contacts, each (c,), at rest under the load F, N, with T = 0.
+
+        Of one contact, which the load closes, the force is F times the preload.
+        """
+        if self.gap is None:
+            return np.array([F * self.preload]), np.zeros(1)
+        return resting(self.stiffness, self.normal, F * self.load, self.gap)
+
     @cached_property
     def preload(self) -> float:
-        """Normal force at rest with T = 0 for a unit load, from g_N = 0; an `InputError` where there is none."""
+        """Normal force at rest with T = 0 for a unit load, from g_N = 0; an `InputError` where there is none.
+
+        Of several contacts, all contact forces for initial gaps of zero.
+        """
         force, rounding = self._normal_force
         if abs(force) <= rounding:
             raise InputError(f"load: {NO_PRELOAD}; change where it acts")
@@ -314,6 +360,8 @@ class Structure(ContactModel, ReadOnlyArrays):
     def _normal_force(self) -> tuple[float, float]:
         """The preload, and what of it may be rounding."""
         rigid = self.stiffness == 0.0
+        if self.gap is not None:
+            return float(resting(self.stiffness, self.normal, self.load, 0.0 * self.gap)[0].sum()), 0.0
         if rigid.any():
             return float(-self.load[rigid][0] / self.normal[rigid][0]), 0.0
         flexible = self.normal / self.stiffness
@@ -333,11 +381,15 @@ class Structure(ContactModel, ReadOnlyArrays):
         wider = self.wider and self.wider.with_stiffness_damping(added)
         return replace(self, damping=self.damping + added * own, rayleigh=rayleigh, wider=wider)
 
+    def with_gap(self, gap: Array) -> Structure:
+        """With other initial gaps of its several contacts, m."""
+        return replace(self, gap=gap, wider=self.wider and self.wider.with_gap(gap))
+
     def truncated(self) -> Structure:
         """Without the static compliance of the modes that are not computed."""
         kept = slice(len(self.frequency))
-        rows = {name: getattr(self, name)[kept] for name in ("stiffness", "damping", *ROWS)}
-        rows |= {} if self.struck is None else {"struck": self.struck[kept]}
+        rows = {name: getattr(self, name)[..., kept] for name in ("stiffness", "damping", *ROWS)}
+        rows |= {} if self.struck is None else {"struck": self.struck[..., kept]}
         return replace(self, **rows, static=0, wider=self.wider and self.wider.truncated())
 
     def mirrored(self) -> Structure:
@@ -387,7 +439,7 @@ class Structure(ContactModel, ReadOnlyArrays):
         if of == "free":
             added = 2.0 * _ratios(damping_ratio, m) * np.sqrt(self.stiffness[:m])
             return replace(self, damping=np.pad(added, (0, self.static)), rayleigh=None, wider=wider)
-        values, shapes = tied_modes(self.stiffness, np.stack([self.normal, self.tangential]), self.static)
+        values, shapes = tied_modes(self.stiffness, np.vstack([self.normal, self.tangential]), self.static)
         ratios, frequency = _ratios(damping_ratio, len(values)), np.sqrt(values) / (2.0 * np.pi)
         found = fitted(ratios, self.stiffness[:m], values, shapes)
         structure = replace(self, damping=np.pad(found, (0, self.static)), rayleigh=None, wider=wider)
@@ -404,7 +456,7 @@ class Structure(ContactModel, ReadOnlyArrays):
     @property
     def tied_damping(self) -> tuple[Array, Array]:
         """Frequencies, Hz, and damping ratios, to first order, of the modes with the contact tied, each (k,)."""
-        values, shapes = tied_modes(self.stiffness, np.stack([self.normal, self.tangential]), self.static)
+        values, shapes = tied_modes(self.stiffness, np.vstack([self.normal, self.tangential]), self.static)
         ratios = tied_ratios(self.damping[: len(shapes)], values, shapes)
         return np.sqrt(values) / (2.0 * np.pi), ratios
 
@@ -421,6 +473,13 @@ def _row(name: str, value: Any, n: int | None) -> Array:
     return row
 
 
+def _rows(name: str, value: Any, n: int, row: Callable[[str, Any, int], Array] = _row) -> Array:
+    """A row, (n,), or those of several contacts, (c, n), each made by `row`."""
+    value = value.toarray() if sparse.issparse(value) and value.shape[0] > 1 else value
+    several = isinstance(value, (list, tuple, np.ndarray)) and len(value) and not np.isscalar(value[0])
+    return np.stack([row(name, each, n) for each in value]) if several else row(name, value, n)
+
+
 def _over_dofs(name: str, value: Any, n: int) -> Array:
     """A vector over the degrees of freedom, from one or from {dof: weight}."""
     if not isinstance(value, Mapping):
@@ -431,6 +490,33 @@ def _over_dofs(name: str, value: Any, n: int) -> Array:
             raise InputError(f"{name}: degree of freedom {dof!r}: it must be from 0 to {n - 1}")
         row[dof] = checks.number(f"{name}: weight of {dof}", weight, "a finite number", lambda _: True)
     return row
+
+
+def observed(tangential: Array) -> Array:
+    """What is observed by default, (n,): the tangential gap, of several contacts their mean."""
+    return np.asarray(tangential.mean(axis=0)) if tangential.ndim > 1 else tangential
+
+
+def contact_rows(normal: Array, tangential: Array, gap: Any, friction: Any) -> tuple[dict[str, Any], list[Array]]:
+    """Gap and friction of several contacts, and the rows of the gaps; of one contact nothing, and rows (n,)."""
+    if normal.shape != tangential.shape:
+        raise InputError(f"tangential of shape {tangential.shape}: it must be {normal.shape}, as normal is")
+    count, found = len(np.atleast_2d(normal)), dict[str, Any]()
+    for name, value, least, unit in (("gap", gap, 0.0, "m"), ("friction", friction, 1e-6, "a factor of mu")):
+        within = partial(checks.between, name, low=least, high=1e6, unit=unit)
+        each = checks.array(name, float(name == "friction") if value is None else value, within)
+        if each.shape not in ((), (count,)):
+            text = f"it must be one number or {count}, one for each contact"
+            raise InputError(f"{name} of shape {each.shape}: {text}")
+        found[name] = np.broadcast_to(each, (count,)).copy()
+    if count == 1 and not found["gap"].any() and found["friction"] == 1.0:
+        return {}, [normal.reshape(-1), tangential.reshape(-1)]
+    return found, [np.atleast_2d(normal), np.atleast_2d(tangential)]
+
+
+def _padded(row: Array, count: int) -> Array:
+    """A row or rows with `count` zeros at the end."""
+    return np.pad(row, [(0, 0)] * (row.ndim - 1) + [(0, count)])
 
 
 def _of_loaded_bodies(M: Any, K: Any, normal: Array, load: Array) -> Array:
@@ -453,14 +539,18 @@ def _modal(
     output: Array,
     rayleigh: tuple[Any, Any],
     damping_ratio: Any,
+    contacts: Mapping[str, Any],
     compliance: Array | None = None,
     vectors: Array | None = None,
     names: Any = None,
 ) -> Structure:
-    """A checked structure of modes with contact and load `rows`; `compliance` (3, 3) of the others."""
+    """A checked structure of modes with contact and load `rows`; `compliance` of the others at these.
+
+    `contacts` are gap and friction of several.
+    """
     order = np.argsort(stiffness, kind="stable")
     stiffness, inertia, output = stiffness[order], inertia[order], output[order]
-    normal, tangential, load = (row[order] for row in rows)
+    normal, tangential, load = (row[..., order] for row in rows)
     vectors = None if vectors is None else vectors[:, order]
     d1, d2 = (
         checks.between(name, value, 0.0, 1e12, unit)
@@ -478,7 +568,7 @@ def _modal(
         values, n, t, force = static_modes(compliance, float(stiffness.max()))
         static = len(values)
         stiffness, load = np.append(stiffness, values), np.append(load, force)
-        normal, tangential = np.append(normal, n), np.append(tangential, t)
+        normal, tangential = np.append(normal, n, axis=-1), np.append(tangential, t, axis=-1)
         inertia, output = (np.pad(row, (0, static)) for row in (inertia, output))
     damping, by_mode = d1 + d2 * stiffness, damping_ratio is not None
     if static:
@@ -488,7 +578,7 @@ def _modal(
         damping[:m] += 2.0 * _ratios(damping_ratio, m) * np.sqrt(stiffness[:m])
     _held(stiffness, normal, vectors, names)
     own = None if by_mode else (d1, d2)
-    structure = Structure(stiffness, damping, normal, tangential, inertia, output, load, own, static)
+    structure = Structure(stiffness, damping, normal, tangential, inertia, output, load, own, static, **contacts)
     pressing, rounding = structure._normal_force
     if abs(pressing) <= rounding:
         return replace(structure, remarks=(f"load: {NO_PRELOAD}",))
@@ -523,7 +613,7 @@ def motion_cutoff(own: Structure, most: int = MOST_MODES, number: int | None = N
     if number is None:
         return _cutoffs(own, most)[0]
     m = len(own.frequency)
-    gaps = np.stack([own.normal[:m], own.tangential[:m]]) ** 2
+    gaps = np.vstack([own.normal[..., :m], own.tangential[..., :m]]) ** 2
     mean = np.cumsum(gaps, axis=1) / np.arange(1, m + 1)
     moving = np.flatnonzero(np.any((gaps > PART * mean) & (gaps > 0.0), axis=0))
     last = min([most - 1, *moving[number - 1 : number].tolist()])
@@ -540,8 +630,8 @@ def _cutoffs(own: Structure, most: int) -> tuple[float | None, float | None]:
 
 def _slender(own: Structure, cutoff: float) -> bool:
     """Whether the kept modes' mass on the others' compliance oscillates `SLENDER` times as fast as they do."""
-    kept, shapes = own.stiffness < (2.0 * np.pi * cutoff) ** 2, np.stack([own.normal, own.tangential])
-    flexibility = residual_flexibility(own.stiffness[~kept], *shapes[:, ~kept])
+    kept, shapes = own.stiffness < (2.0 * np.pi * cutoff) ** 2, np.vstack([own.normal, own.tangential])
+    flexibility = residual_flexibility(own.stiffness[~kept], shapes[:, ~kept])
     least = SLENDER**2 * own.stiffness[kept].max(initial=0.0) * flexibility - shapes[:, kept] @ shapes[:, kept].T
     return bool(np.linalg.eigvalsh(least)[0] <= 0.0)
 
@@ -570,12 +660,12 @@ def _for_motion(own: Structure, band: float | None, n: int, up_to: Callable[[flo
 
 
 def _held(stiffness: Array, normal: Array, vectors: Array | None, names: Any) -> None:
-    """Raise unless the closed contact prevents every rigid motion; at most one of them may move the normal gap."""
+    """Raise unless the closed contacts prevent every rigid motion."""
     rigid = np.flatnonzero(stiffness == 0.0)
     if not len(rigid):
         return
     # The combinations of rigid motions that leave the gap closed.
-    free = linalg.null_space(normal[None, rigid] / max(np.abs(normal).max(), 1e-300))
+    free = linalg.null_space(np.atleast_2d(normal)[:, rigid] / max(np.abs(normal).max(), 1e-300))
     if free.shape[1]:
         text = f"{free.shape[1]} rigid motion(s) that the closed contact does not hold"
         if vectors is not None:

@@ -25,7 +25,7 @@ from fivcore.jit import Array
 GIVEN_ROWS = ("normal", "tangential", "load", "output", "drive")
 COLUMNS = ("frequency", *GIVEN_ROWS, "damping_ratio")
 MATRICES = ("mass", "stiffness", "damping")
-NUMBERS = ("d1", "d2", "damping_ratio", "fmax")
+NUMBERS = ("d1", "d2", "damping_ratio", "gap", "friction", "fmax")
 NEEDS_ARRAY = "a whole matrix must be in .npz, .mat or Matrix Market's array form"
 DIRECTIONS = dict(zip("123456", ("x", "y", "z", "rx", "ry", "rz"), strict=True))
 
@@ -85,17 +85,23 @@ def structure_arguments(path: str | Path) -> tuple[str, dict[str, Any]]:
     or a text file of a vector. Names need labels: the matrices' own, `dofs_per_node`, or `nodes`, a file with a
     node and a direction for each row. In place of matrices, `modes` is a file for `read_modes`, or each table
     [[mode]] is a mode.
+
+    Of several contacts `normal` and `tangential` are lists, or `contacts` is a list of tables {normal, tangential,
+    gap, friction}, or {pairs = [[12, 40], ...], normal = "y", tangential = "x", ...}: gaps of the first nodes over
+    the second ones.
     """
     with reading(path):
         content, folder = tomllib.loads(Path(path).read_text("utf-8")), Path(path).parent
+        content = _contacts(content)
         rows = {name: content[name] for name in GIVEN_ROWS if name in content}
         if "mode" in content:
-            _check_names(content, ("mode", *NUMBERS[:3]))
+            _check_names(content, ("mode", *NUMBERS[:-1]))
             checks.instance("mode", modes := content["mode"], list)
             columns = {name: [each.get(name) for each in modes] for name in {n: 0 for mode in modes for n in mode}}
             arguments = _numbers(columns, COLUMNS, COLUMNS[:3])
+            arguments = {name: np.transpose(each) for name, each in arguments.items()}
         elif "modes" in content:
-            _check_names(content, ("modes", *GIVEN_ROWS, *NUMBERS[:3]))
+            _check_names(content, ("modes", *GIVEN_ROWS, *NUMBERS[:-1]))
             arguments = read_modes(_file(folder, content["modes"]), rows)
         else:
             _check_names(content, (*MATRICES, *GIVEN_ROWS, *NUMBERS, "nodes", "dofs_per_node"), MATRICES[:2])
@@ -103,6 +109,28 @@ def structure_arguments(path: str | Path) -> tuple[str, dict[str, Any]]:
         _check_names(arguments, arguments, GIVEN_ROWS[:3])
         arguments |= _numbers({name: content[name] for name in NUMBERS if name in content}, NUMBERS)
         return "from_matrices" if "mass" in content else "from_modes", arguments
+
+
+def _contacts(content: dict[str, Any]) -> dict[str, Any]:
+    """The content with the rows, gaps and friction of its `contacts` as lists."""
+    if (given := content.pop("contacts", None)) is None:
+        return content
+    with reading("contacts"):
+        if isinstance(given, dict):
+            _check_names(given, ("pairs", *GIVEN_ROWS[:2], *NUMBERS[3:5]), ("pairs", *GIVEN_ROWS[:2]))
+            own = {name: given[name] for name in NUMBERS[3:5] if name in given}
+            for name in GIVEN_ROWS[:2]:
+                at = [[f"node {node}, {given[name]}" for node in pair] for pair in given["pairs"]]
+                own[name] = [{first: 1.0, second: -1.0} for first, second in at]
+        else:
+            own, known = {}, (*GIVEN_ROWS[:2], *NUMBERS[3:5])
+            for each in given:
+                _check_names(each, known, GIVEN_ROWS[:2])
+            for name in {name: 0 for each in given for name in each}:
+                own[name] = [each.get(name, {"gap": 0.0}.get(name, 1.0)) for each in given]
+        if twice := sorted({*own} & {*content}):
+            raise InputError(f"{twice[0]} is given beside them; give it in one place")
+    return content | own
 
 
 @contextmanager
@@ -244,8 +272,10 @@ def _universal(path: Path, rows: Mapping[str, Any]) -> dict[str, Any]:
     shapes *= np.sqrt(force / length) * np.array([1.0] * 3 + [length] * 3)[: shapes.shape[2]]
     labels = [(node, dof) for node in nodes[0] for dof in range(1, shapes.shape[2] + 1)]
     found = {"frequency": frequency} | ({"damping_ratio": ratios} if ratios.any() else {})
-    for name, row in _weights(rows, labels, len(labels), path.parent).items():
-        found[name] = shapes.reshape(len(modes), -1)[:, list(row)] @ list(row.values())
+    for name, given in _weights(rows, labels, len(labels), path.parent).items():
+        each = given if isinstance(given, list) else [given]
+        own = np.array([shapes.reshape(len(modes), -1)[:, list(row)] @ list(row.values()) for row in each])
+        found[name] = own if given is each else own[0]
     return found
 
 
@@ -271,11 +301,17 @@ def _names(labels: Any) -> list[str]:
     return [f"node {node}, {DIRECTIONS.get(str(dof), dof)}" for node, dof in labels]
 
 
-def _weights(rows: Mapping[str, Any], labels: Any, size: int, folder: Path) -> dict[str, dict[int, float]]:
-    """Weights by index, of each an index, a name, a table of weights of these, or a file of a vector."""
+def _weights(rows: Mapping[str, Any], labels: Any, size: int, folder: Path) -> dict[str, Any]:
+    """Weights by index, of each an index, a name, a table of weights of these, or a file of a vector.
+
+    Of the gaps of several contacts they are a list.
+    """
     names = {name: i for i, name in enumerate(_names(labels))}
-    found: dict[str, dict[int, float]] = {name: {} for name in rows}
+    found: dict[str, Any] = {name: {} for name in rows}
     for name, value in rows.items():
+        if isinstance(value, list):
+            found[name] = [_weights({name: each}, labels, size, folder)[name] for each in value]
+            continue
         with reading(f"{name} = {checks.short(value)}"):
             if isinstance(value, str) and not value.startswith("node "):
                 value = dict(enumerate(np.loadtxt(_file(folder, value), ndmin=1)))

@@ -111,14 +111,14 @@ def contact_modes(rig: Rig, theta: float) -> tuple[Array, Array, Array]:
     return stiffness, normal, tangential
 
 
-def residual_flexibility(stiffness: Array, normal: Array, tangential: Array) -> Array:
-    """Static flexibility of the gap, (2, 2), m/N, in modes that a model leaves out, each argument (n,).
+def residual_flexibility(stiffness: Array, shape: Array) -> Array:
+    """Static flexibility of the gaps, (2, 2), m/N, in modes that a model leaves out: stiffness (n,), shape (2, n).
 
-    Row and column 0 belong to the normal, 1 to the tangential direction. A rigid mode is a `ValueError`.
+    Row and column 0 belong to the normal, 1 to the tangential direction; of c contacts the first c and the others.
+    A rigid mode is a `ValueError`.
     """
     if np.any(stiffness == 0.0):
         raise InputError("stiffness holds 0: the static flexibility of a rigid mode is infinite, so keep it")
-    shape = np.stack([normal, tangential])
     return np.asarray((shape / stiffness) @ shape.T)
 
 

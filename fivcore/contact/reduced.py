@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,8 @@ LEAST_CUTOFF, CUTOFF_SHARE = 115e3, 0.8
 # kind of motion is below 0.01 at cut-offs from 3.1 to 6.2 c / (4 L); 0.06 balances energy better and shifts stick
 # by 0.003. At 75 kHz two and a half times as much raises stick by 0.02 to 0.03; a quarter lets contact ring.
 CONTACT_DAMPING = 0.06
+# Compliance of each of several contacts by itself, in units of the mean.
+LOCAL = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +75,16 @@ class ReducedModel(ReadOnlyArrays):
         Which modes of `fivcore.beams.modes.contact_modes` these are.
     K, C : ndarray, (2, 2)
         Inverse of the residual flexibility, N/m, and its dashpot, N s/m; normal first. Zero: a rigid contact.
+        Of c contacts (2c, 2c), first all normal gaps.
     interval : float
         Time between two samples, s.
     load_gap : float
         Static normal gap of the modes that are not kept under a unit load, m; 0 where a rigid mode closes it.
     rigid_step : float
         Default step in rigid contact, in units of the fastest mode's time.
+    gap, friction, forces : ndarray, (c,), or None
+        Of several contacts, whose gap shapes are (c, n) and `load_gap` (c,): initial gaps, factors of mu, and normal
+        forces at rest for a unit load.
     """
 
     stiffness: Array
@@ -91,13 +98,16 @@ class ReducedModel(ReadOnlyArrays):
     K: Array
     C: Array
     interval: float = INTERVAL
-    load_gap: float = 0.0
+    load_gap: Any = 0.0
     rigid_step: float = RIGID_STEP
+    gap: Any = None
+    friction: Any = None
+    forces: Any = None
 
     @cached_property
     def shapes(self) -> Array:
         """Normal and tangential gap shapes, (2, n), kg^-1/2. Read-only."""
-        shapes = np.stack([self.normal, self.tangential])
+        shapes = np.vstack([self.normal, self.tangential])
         shapes.setflags(write=False)
         return shapes
 
@@ -109,12 +119,24 @@ class ReducedModel(ReadOnlyArrays):
     @cached_property
     def static_equilibrium(self) -> Array:
         """Static equilibrium under a unit load with T = 0, (n,); the rigid mode closes the gap. Read-only."""
-        rigid = self.stiffness == 0.0
-        rest = np.where(rigid, 0.0, (self.load + self.normal) / np.where(rigid, 1.0, self.stiffness))
+        rigid, push = self.stiffness == 0.0, self.normal if self.forces is None else self.forces @ self.normal
+        rest = np.where(rigid, 0.0, (self.load + push) / np.where(rigid, 1.0, self.stiffness))
+        if self.forces is not None:
+            # The contacts that are closed are: g_N + u_N = 0.
+            closed, gaps = self.forces > 0.0, self.rest_u[: len(self.forces)] + self.gap + self.normal @ rest
+            rest[rigid] = np.linalg.lstsq(self.normal[np.ix_(closed, rigid)], -gaps[closed])[0]
+            rest.setflags(write=False)
+            return rest
         flexibility = np.linalg.inv(self.K)[0, 0] if self.K.any() else 0.0
         rest[rigid] = -(flexibility + self.normal @ rest) / self.normal[rigid]
         rest.setflags(write=False)
         return rest
+
+    @cached_property
+    def rest_u(self) -> Array:
+        """Gaps of the modes that are not kept, of several contacts at rest, (2c,), m for a unit load."""
+        force = np.append(self.forces, np.zeros(len(self.normal)))
+        return np.asarray((np.linalg.solve(self.K, force) if self.K.any() else 0.0 * force) + self.load_gap)
 
     def discrete(self, step: float) -> DiscreteContact:
         """The contact in steps of `fast`, s, corrected for impulses."""
@@ -176,7 +198,7 @@ class ReducedModel(ReadOnlyArrays):
 def _discrete(model: ReducedModel, step: float) -> DiscreteContact:
     half = 0.5 * step * model.W
     if not model.K.any():
-        return DiscreteContact(np.zeros((2, 2)), 0.0, half, step)
+        return DiscreteContact(np.zeros(half.shape), 0.0, half, step, np.zeros(half.shape))
     parts = at_impulses(model.stiffness, model.damping, step)
     defect, drift = ((model.shapes * part) @ model.shapes.T for part in parts)
     flexibility = np.linalg.inv(model.K) + defect
@@ -189,12 +211,16 @@ def _discrete(model: ReducedModel, step: float) -> DiscreteContact:
 def full_model(rig: ContactModel, theta: float) -> ReducedModel:
     """Return the structure itself, every mode in rigid contact; loads are in units of the preload."""
     own = modal_structure(rig, theta).motion
-    kept, none = np.ones(len(own.stiffness), dtype=bool), np.zeros((2, 2))
+    kept, none = np.ones(len(own.stiffness), dtype=bool), np.zeros((2 * own.contacts, 2 * own.contacts))
     load, few = own.load / own.preload, STEP_PER_MODE * max(int(np.sum(own.stiffness > 0.0)), 1)
-    return ReducedModel(
+    model = ReducedModel(
         own.stiffness, own.damping, own.normal, own.tangential, own.inertia, own.output, load, kept, none, none,
         INTERVAL * own.time_scale, rigid_step=RIGID_STEP if isinstance(rig, Rig) else min(few, MOST_RIGID_STEP),
     )  # fmt: skip
+    if own.gap is None:
+        return model
+    forces, gaps = own.equilibrium(1.0 / own.preload), np.zeros(2 * own.contacts)
+    return replace(model, gap=own.gap, friction=own.friction, forces=forces[0], load_gap=gaps)
 
 
 def default_cutoff(rig: ContactModel) -> float:
@@ -235,15 +261,25 @@ def reduced_model(rig: ContactModel, theta: float, cutoff: float | None = None) 
         lowest = float(np.sqrt(np.sort(full.stiffness)[least - 1])) / (2.0 * np.pi)
         number = ("one mode", "two modes", "three modes")[least - 1]
         raise SceneValueError(f"cutoff = {cutoff:g}: it must be above {lowest:.6g} Hz, so that {number} are kept")
-    flexibility = residual_flexibility(full.stiffness[~kept], *full.shapes[:, ~kept])
+    lost = full.stiffness[~kept], full.shapes[:, ~kept]
+    flexibility = residual_flexibility(*lost)
+    if full.forces is not None and flexibility.any():
+        # A little compliance of each contact's own, so that contacts in one place share a force alike.
+        local = LOCAL * np.trace(flexibility) / len(flexibility) * np.eye(len(flexibility))
+        modal, K = {name: getattr(full, name)[..., kept] for name in MODAL}, np.linalg.inv(flexibility + local)
+        gaps = (lost[1] / lost[0]) @ full.load[~kept]
+        model = replace(full, **modal, kept=kept, K=np.asarray(K), load_gap=gaps)
+        ratio = CONTACT_DAMPING * model.beam_share**4
+        return replace(model, C=max(2.0 * ratio / model.contact_frequency, rig.d2) * model.K)
     # One or two modes have no residual of rank two; with them the finite elements are complete. Its condition
     # number is usually about 3; of a flexibility at 1e8 the inverse has half its digits.
     complete = (~kept).sum() <= 2 and not own.static
     if complete or kept.all() or np.linalg.cond(flexibility) > 1e8:
         moves = np.arange(len(full.stiffness)) < modes
         if not moves.all():
-            full = replace(full, kept=moves, **{name: getattr(full, name)[moves] for name in MODAL})
-        resistance(full.W)
+            full = replace(full, kept=moves, **{name: getattr(full, name)[..., moves] for name in MODAL})
+        if full.forces is None:
+            resistance(full.W)
         return full
     modal, K = {name: getattr(full, name)[kept] for name in MODAL}, np.asarray(np.linalg.inv(flexibility))
     gap = 0.0 if full.stiffness.min() == 0.0 else float(np.sum((full.normal * full.load / full.stiffness)[~kept]))

@@ -20,6 +20,7 @@ from fivcore.jit import Array
 from fivcore.rig import Rig, Scene, html_table
 from fivcore.transient.exact import ExactRun
 from fivcore.transient.fast.run import FastRun
+from fivcore.transient.fast.several import SeveralRun
 from fivcore.transient.normalised import Normalised, State, energies
 from fivcore.transient.observe import PEAK_BAND, Observer, Record
 from fivcore.transient.options import Run, RunOptions
@@ -28,7 +29,7 @@ from fivcore.transient.summary import summarise
 from fivcore.transient.until import StoppingRule
 
 METHODS: dict[str, Callable[[Normalised, RunOptions], Run]] = {
-    "fast": FastRun,
+    "fast": lambda scene, options: (FastRun if scene.rig.contacts == 1 else SeveralRun)(scene, options),
     "exact": ExactRun,
     "paper": PaperRun,
 }

@@ -43,6 +43,8 @@ class Normalised:
         rig, load = scene.rig if scene.V > 0.0 else scene.rig.mirrored(), scene.F * scene.rig.preload
         sense = 1.0 if scene.V > 0 else -1.0
         speed = float(f"{abs(scene.V) / load:.11e}")
+        if (gap := getattr(rig, "gap", None)) is not None and gap.any():
+            rig = rig.with_gap(gap / load)
         return cls(rig, scene.drive_theta, speed, scene.mu, load, sense, scene.friction.normalised(load))
 
 
@@ -60,6 +62,8 @@ class State:
         0 separation, 1 stick, 2 slip.
     running : bool
         Whether the drive runs at its speed already; else a run accelerates it from rest.
+    statuses : ndarray of int, (c,), or None
+        Of several contacts; `contact` is then that of all of them, and without `statuses` that of each.
     time : float
         Of the end of a run: s since its drive started; else 0.
     """
@@ -68,6 +72,7 @@ class State:
     velocity: Array
     contact: int
     running: bool = False
+    statuses: Any = None
     time: float = field(default=0.0, init=False)
     # The scene and the run whose end this is, which a run of the same scene continues, and its last row.
     origin: tuple[Normalised, Any, Array] | None = field(default=None, init=False, repr=False)
@@ -103,12 +108,15 @@ class State:
         """The state at the end of a run; without its ramp's end the drive does not run at its speed."""
         model, full = run.model, full_model(scene.rig, scene.theta)
         q, v, u = run.state()
-        displacement, velocity = np.zeros((2, len(full.normal)))
+        displacement, velocity = np.zeros((2, len(full.stiffness)))
         kept = np.flatnonzero(model.kept)
         displacement[kept], velocity[kept] = q + model.static_equilibrium, v
         if not model.kept.all():
             displacement += static_displacement(model, full, u)
-        state = cls(scene.load * displacement, scene.load * velocity, int(run.record["contact"][0]))
+        statuses = getattr(run, "statuses", None)
+        state = cls(
+            scene.load * displacement, scene.load * velocity, int(run.record["contact"][0]), statuses=statuses
+        )
         ended = run.time >= run.options.ramp * (1.0 - 1e-12)
         vars(state).update(running=ended, time=run.time, origin=(scene, run, last_row))
         return state
@@ -147,7 +155,9 @@ def reference_energy(scene: Normalised, initial: State | None) -> float:
     energy = 1e-3 * stored + moving
     if initial is not None:
         q = initial.displacement - full.static_equilibrium
-        energy += 0.5 * float(np.sum(full.stiffness * q**2 + initial.velocity**2)) + abs(float(full.normal @ q))
+        energy += 0.5 * float(np.sum(full.stiffness * q**2 + initial.velocity**2)) + float(
+            np.abs(full.normal @ q).sum()
+        )
     return energy
 
 
@@ -160,4 +170,9 @@ def slip_distance(scene: Normalised) -> float:
     """Static displacement of the clamp at which the contact slips, m per N of load (F = 1, N = 1)."""
     full = full_model(scene.rig, scene.theta)
     elastic = full.stiffness > 0.0
+    if full.forces is not None:
+        closed = full.forces > 0.0
+        moved = full.tangential[np.ix_(closed, elastic)]
+        stiffness = np.linalg.pinv((moved / full.stiffness[elastic]) @ moved.T, hermitian=True).sum()
+        return scene.mu * float(np.sum(full.friction * full.forces) / max(stiffness, 1e-300))
     return scene.mu * float(np.sum(full.tangential[elastic] ** 2 / full.stiffness[elastic]))

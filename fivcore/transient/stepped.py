@@ -32,7 +32,7 @@ class SteppedRun:
 
     READ_AT = 1.0
     may_settle, begun = False, 0.0
-    _cut, _first_energy = -1, 0.0
+    _cut, _first_energy, row_size = -1, 0.0, 6
     model: ReducedModel
     _take: Any
     stored_energy: Any
@@ -84,7 +84,7 @@ class SteppedRun:
         last = min(now + self._length, self.pause, self._cut if now < self._cut else self.steps)
         every = int(record["sample_every"][0])
         samples = np.empty((count_in(now, last, every), SAMPLE))
-        rows = np.empty((count_in(now, last, int(record["row_every"][0])), 6))
+        rows = np.empty((count_in(now, last, int(record["row_every"][0])), self.row_size))
         # A step of "exact" may hold more than one event.
         room = room_for_sticks(now * step, last * step, float(record["least_stick"][0]), min(step, 1e-7))
         sticks = np.empty((room, 2))

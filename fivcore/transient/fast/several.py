@@ -1,0 +1,249 @@
+"""Runs of `method="fast"` with several contacts: the same splitting, and in each step one problem for all of them.
+
+A scene's own state is that of all contacts that the load closes at rest: stick where all of them stick, separation
+where one of them is open, else slip. N and T are the sums over all contacts, the slip rate is the largest. What
+belongs to each contact is in further columns of `rows`, and in `counters`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+from warnings import warn
+
+import numpy as np
+
+from fivcore.beams.modes import one_blas_thread, propagator
+from fivcore.contact.impulse import between_impulses
+from fivcore.contact.reduced import LOCAL, ReducedModel, modified, reduced_model
+from fivcore.contact.step_map import at_most
+from fivcore.errors import ContactError, SceneValueError
+from fivcore.jit import Array
+from fivcore.transient.fast.run import FAST_DECAY, least_step
+from fivcore.transient.fast.several_kernel import COUNTERS, Law, Motion, start, take_steps
+from fivcore.transient.normalised import Normalised, State, residual_gaps
+from fivcore.transient.options import RunOptions
+from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, Segment, first_counted
+from fivcore.transient.stepped import SteppedRun
+
+# Steps of a segment; share of steps without a solution that is an error; contacts above which runs are slow.
+SEGMENT, MOST_UNSOLVED, MANY = 20_000, 1e-3, 20
+_COUNTS = "contact now last settle sample_every row_every energy_every samples rows"
+SCENE = np.dtype([
+    *FIELDS,
+    *((name, "f8") for name in ("speed", "ramp", "acceleration")),
+    *((name, "i8") for name in _COUNTS.split()),
+])  # fmt: skip
+
+
+class SeveralRun(SteppedRun):
+    """One run in progress; `counts` are Newton steps, rows replaced, lost pivots, steps by Gauss-Seidel, unsolved."""
+
+    READ_AT = 0.5
+
+    def __init__(self, scene: Normalised, options: RunOptions) -> None:
+        self.model = model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
+        step, c, n = checked_step(model, scene, options), len(model.normal), len(model.stiffness)
+        self.row_size = 6 + 4 * c
+        super().__init__(scene, options, step, SEGMENT, SCENE)
+        starts = options.initial is None or not options.initial.running
+        self.ramp, self.shift = options.ramp if starts and options.ramp >= step else 0.0, np.zeros(n)
+        self.law, self.counts = law_of(model, scene, step), np.zeros(5, np.int64)
+        record, speed = self.record, scene.speed_per_load
+        record["speed"], record["ramp"] = speed, self.ramp
+        record["acceleration"] = speed / self.ramp if self.ramp else 0.0
+        fast = float(model.damping.max()) * model.interval > FAST_DECAY
+        record["energy_every"] = 1 if fast else record["sample_every"]
+        record["settle"] = first_counted(record["settled_from"][0], step, 0.5)
+        self._start(options.initial)
+
+    def _start(self, initial: State | None) -> None:
+        model, law, step, speed = self.model, self.law, self.step, self.scene.speed_per_load
+        (c, n), status, u = model.normal.shape, np.where(law.closed, STICK, SEPARATION), law.flexibility @ law.rest
+        q, v = np.zeros((2, n))
+        if initial is not None:
+            q = initial.displacement[model.kept] - model.static_equilibrium
+            v = initial.velocity[model.kept].copy()
+            status = np.full(c, initial.contact) if initial.statuses is None else np.array(initial.statuses)
+            if model.K.any():
+                u = residual_gaps(self.scene, model.kept, initial) - model.load_gap
+                u = np.where(np.tile(status, 2) == SEPARATION, u, law.flexibility @ (model.K @ u))
+        force = np.where(np.tile(status, 2) == SEPARATION, 0.0, law.rest)
+        runs = initial is not None and initial.running
+        if runs:
+            q += self._between(force)
+        elif self.ramp > 0.0:
+            # In the accelerating frame elastic modes rest elsewhere.
+            elastic = model.stiffness > 0.0
+            self.shift[elastic] = (model.inertia * speed / self.ramp)[elastic] / model.stiffness[elastic]
+            self.record["work"] -= self._ramp_work(q)
+        else:
+            v += model.inertia * speed
+        self._first_energy = self._energy_of(q, v, u)
+        moved, rates = _move(model, q - self.shift, v, 0.5 * step)
+        anchor = u[c:] + model.tangential @ q + law.at_rest[c:]
+        if runs:
+            # Stick holds the surfaces where they are at the first impulse.
+            u[c:] -= 0.5 * step * (model.tangential @ rates - speed) * model.K.any()
+            anchor = u[c:] + model.tangential @ moved + law.at_rest[c:] - 0.5 * step * speed
+        work, rows = np.zeros((13, 2 * c)), np.concatenate([np.arange(c), c + np.arange(c)])
+        matrix = law.matrix[np.append(np.full(c, STICK), status), rows]
+        self.motion = Motion(
+            moved, rates, u, force, model.shapes @ rates, anchor, np.zeros(c), status.astype(np.int64),
+            status.astype(np.int64), np.zeros(c, np.int64), np.zeros((c, COUNTERS)), np.ascontiguousarray(matrix),
+            np.eye(2 * c), work, np.zeros(n),
+        )  # fmt: skip
+        self._place_shift()
+        self.record["contact"] = status_of_all(status, law.closed)
+        start(law, self.motion, self.counts)
+
+    def _place_shift(self) -> None:
+        """Let gaps at rest be those of the accelerating frame."""
+        at_rest = rest_gaps(self.model, self.step) + np.repeat([-1.0, 1.0], len(self.motion.slip)) * (
+            self.model.shapes @ self.shift
+        )
+        self.law = self.law._replace(at_rest=at_rest)
+
+    def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
+        record, end = self.record, int(self.ramp / self.step)
+        record["last"] = min(last, end) if first < end else last
+        arrays = self.motion, self.counts
+        while True:
+            take_steps(record, self.law, *arrays, samples, rows, sticks)
+            if record["now"] == end and self.shift.any():
+                self._end_ramp(end)
+            if record["now"] >= last:
+                break
+            record["last"] = last
+        if self.counts[2] and not self.law.falls:
+            self._judge_pivots(last)
+        if self.counts[4] > max(MOST_UNSOLVED * last, 10):
+            text = (
+                f"the contact problem of {self.counts[4]} of {last} steps was not solved; use a shorter step than"
+            )
+            raise ContactError(f"{text} {self.step:.3g} s")
+
+    def _judge_pivots(self, last: int) -> None:
+        """Raise where the forces of a status that was met are not unique."""
+        raise ContactError(
+            f"mu = {self.scene.mu:g}: by t = {last * self.step:.6g} s the contact met statuses in which its forces"
+            " are not unique (Painleve)"
+        )
+
+    def _end_ramp(self, end: int) -> None:
+        """Stop the acceleration of the base, between the impulses of two steps."""
+        model, motion, ramp, step = self.model, self.motion, self.ramp, self.step
+        push = model.inertia * self.scene.speed_per_load / ramp * (ramp - end * step)
+        q, v = _move(model, self.shift, push, 0.5 * step)
+        before_q, before_v = _move(model, motion.q, motion.v, -0.5 * step)
+        self.record["work"] += self._ramp_work(before_q + self.shift) + np.sum(push * (before_v + 0.5 * push))
+        self.shift = np.zeros(len(q))
+        motion.q[:] += q
+        motion.v[:] += v
+        self._place_shift()
+
+    def _between(self, force: Array) -> Array:
+        """How much further steady contact forces in impulses deflect the modes, midway between two of them."""
+        return between_impulses(self.model.stiffness, self.step) * (self.model.shapes.T @ (force - self.law.rest))
+
+    def state(self) -> tuple[Array, Array, Array]:
+        """Displacements from rest and velocities of the modes, and the gaps of the others, between two steps."""
+        model, motion, step = self.model, self.motion, self.step
+        q, v = _move(model, motion.q, motion.v, -0.5 * step)
+        u = motion.u + model.load_gap
+        if model.K.any():
+            drive = self.scene.speed_per_load * min(self.time / self.ramp if self.ramp else 1.0, 1.0)
+            c = len(motion.slip)
+            rates = model.shapes @ v - np.repeat([0.0, drive], c)
+            rates[c:] *= motion.status == STICK
+            closed = np.linalg.solve(model.K, motion.force) - 0.5 * step * rates + model.load_gap
+            u = np.where(np.tile(motion.status, 2) == SEPARATION, u, closed)
+        return q + self.shift - self._between(motion.force), v, np.asarray(u)
+
+    @property
+    def statuses(self) -> Array:
+        """Status of each contact, (c,): 0 separation, 1 stick, 2 slip."""
+        return np.minimum(self.motion.status, SLIP)
+
+    def stored_energy(self) -> float:
+        """Energy of the modes about the equilibrium, the springs, the load and the ramp's push, normalised."""
+        q = self.motion.q + self.shift
+        return self._energy_of(q, self.motion.v, self.motion.u) - self._ramp_work(q)
+
+    def _ramp_work(self, q: Array) -> float:
+        return float(np.sum(self.model.stiffness * self.shift * q))
+
+    def _energy_of(self, q: Array, v: Array, u: Array) -> float:
+        model, force = self.model, self.law.rest
+        spring = u @ np.linalg.solve(self.law.flexibility, u) if model.K.any() else 0.0
+        return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + force @ (model.shapes @ q) + 0.5 * spring)
+
+    def flush(self, floor: float) -> bool:
+        """Set what is far below every scale to zero; False where a number is not finite."""
+        for part in (self.motion.q, self.motion.v):
+            part[np.abs(part) < floor] = 0.0
+        return bool(np.isfinite(self.motion.q).all() and np.isfinite(self.motion.v).all())
+
+
+def status_of_all(status: Array, closed: Array) -> int:
+    """The scene's own state by the statuses of its contacts, of those that the load closes, (c,)."""
+    own = status[closed]
+    return SEPARATION if np.any(own == SEPARATION) else STICK if np.all(own == STICK) else SLIP
+
+
+def rest_gaps(model: ReducedModel, step: float) -> Array:
+    """Penetration and tangential gaps at rest in steps, (2c,), m per N of load."""
+    c = len(model.normal)
+    gaps = model.shapes @ model.static_equilibrium + model.load_gap + np.append(model.gap, np.zeros(c))
+    # The load is applied in impulses too, so the gap at rest has the same defect.
+    missed = model.discrete(step).defect @ np.append(model.forces, np.zeros(c))
+    return np.repeat([-1.0, 1.0], c) * (gaps - missed)
+
+
+@one_blas_thread()
+def law_of(model: ReducedModel, scene: Normalised, step: float) -> Law:
+    """What a step of a scene needs."""
+    contact, c, rigid = model.discrete(step), len(model.normal), not model.K.any()
+    falls, M, S = not scene.friction.constant, contact.delassus, contact.flexibility
+    if rigid:
+        # So that two contacts in one place share an impulse alike.
+        M = M + LOCAL * np.trace(M) / len(M) * np.eye(2 * c)
+    keep = float(np.exp(-step / contact.tau)) if contact.tau else 0.0
+    times = np.ones(3) if rigid else contact.tau + np.array([0.5 * step, 0.0, contact.mean_time])
+    matrix = S + times[:, None, None] * M
+    # Normal rows are those of stick whatever the status before.
+    matrix[:, :c] = matrix[STICK, :c]
+    unit = float(np.diag(matrix[STICK]).mean())
+    mu = scene.mu * np.asarray(model.friction)
+    return Law(
+        model.shapes.copy(), propagator(model.stiffness, model.damping, step), model.output.copy(),
+        model.damping.copy(), np.array(S), np.array(M), model.dissipation(contact), matrix / unit, unit, times,
+        np.append(model.forces, np.zeros(c)), rest_gaps(model, step), np.asarray(model.forces) > 0.0,
+        mu, mu if falls else mu * scene.friction.kinetic_ratio, falls, scene.friction.law, step, keep,
+        1.0 if rigid else step / (1.0 - keep), contact.square_ratio, rigid,
+    )  # fmt: skip
+
+
+def checked_step(model: ReducedModel, scene: Normalised, options: RunOptions) -> float:
+    """Step of a run, s, if it is stable and not too short."""
+    least, step, c = least_step(model, options.duration), options.step, len(model.normal)
+    if step is None:
+        step = model.default_step
+        if not model.K.any():
+            catching = scene.speed_per_load / max(scene.mu * float(np.diag(model.W)[c:].max()), 1e-300)
+            step = min(step, max(0.25 * catching, 1e-4 * step, least), 0.01 * options.duration)
+    if step > model.largest_step:
+        raise SceneValueError(
+            f"step = {step:g}: with these modes it must be at most {at_most(model.largest_step, 3)} s; beyond, the"
+            " contact is unstable"
+        )
+    if step < least:
+        raise SceneValueError(f"step = {step:g}: it must be at least {least:g} s over this duration")
+    if c > MANY:
+        warn(f"{c} contacts: some {1e-8 * c**2.5 / step:.2g} s of computation a second", stacklevel=2)
+    return step
+
+
+def _move(model: ReducedModel, q: Array, v: Array, time: float) -> tuple[Array, Array]:
+    """Free motion of the kept modes over any time, backwards too."""
+    a, b, c, d = propagator(model.stiffness, model.damping, time)
+    return a * q + b * v, c * q + d * v

@@ -1,0 +1,462 @@
+"""Compiled steps of `method="fast"` for several contacts: impulses of all of them between exact moves of the modes.
+
+The step is that of `fast.kernel`, with vectors. Forces f = (N, T), 2 c of them, and a status of each contact. With
+S the flexibility and M the mean rates of the gaps over an impulse, p the penetration before it, v the rates there
+and Q = S + a M, the law of a contact is
+
+    normal   (Q f)_N - (p - a v_N) >= 0, complementary to N >= 0                     a = tau
+    stick    (Q f)_T = u_T - a v_T, u_T from the anchor where it stuck before        a by the status before
+    slip     T = s m N while s ((Q f)_T - (u_T - a v_T)) <= 0, s the sign of T
+
+Newton's method on the statuses (Alart and Curnier, Comput. Methods Appl. Mech. Eng. 92, 1991, 353-375) solves it: the
+inverse of the matrix whose rows a status selects is kept, and a status that changes replaces a row of it
+(Sherman and Morrison). Friction makes it cycle at times: then projected Gauss-Seidel, contact by contact, finds the
+status. All pivots are positive where the forces are unique.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fivcore.friction import slip_speed
+from fivcore.jit import Array, called, inlined, kernel, reordered_call
+from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, enter
+
+# Statuses: those of a record, and slip with T < 0.
+DOWN = 3
+# Most steps of Newton's method; most sweeps of Gauss-Seidel, the change in units of the largest force at which they
+# end, and that above which a step counts as unsolved.
+NEWTON, SWEEPS, SETTLED, UNSOLVED = 12, 400, 1e-12, 1e-7
+# Least pivot, and rows that are replaced before the inverse is made anew.
+LEAST_PIVOT, REPLACED = 1e-9, 4000
+# Columns of the counters of a contact.
+STICK_TIME, SLIP_TIME, OPEN_TIME, SUM_N, MAX_N, SWITCHES, MAX_SLIP = range(7)
+COUNTERS = 7
+
+
+class Law(NamedTuple):
+    """What does not change: (2c, ...) arrays have first all normal rows."""
+
+    # Gap shapes, (2c, m); flow over a step, (4, m); B and damping, (m,).
+    gaps: Array
+    flow: Array
+    output: Array
+    damping: Array
+    # Flexibility, mean rates and dashpot, (2c, 2c); Q by the status before in units of `unit`, (3, 2c, 2c), its a.
+    flexibility: Array
+    delassus: Array
+    dashpot: Array
+    matrix: Array
+    unit: float
+    times: Array
+    # At rest: forces, penetration and tangential gap, (2c,); which contacts the load closes, (c,).
+    rest: Array
+    at_rest: Array
+    closed: Any
+    # Friction of each contact, static and in slip, (c,), and `Friction.law` where it depends on the speed.
+    mu: Array
+    kinetic: Array
+    falls: bool
+    law: tuple[float, float, float]
+    # s; exp(-step / tau); step / (1 - keep), s; mean square of a relaxing u_T's rate over its mean squared.
+    step: float
+    keep: float
+    late: float
+    varied: float
+    rigid: bool
+
+
+class Motion(NamedTuple):
+    """What a step changes."""
+
+    q: Array
+    v: Array
+    # u, forces and the rates after the last impulse (2c,); anchors and last slip rates, (c,).
+    u: Array
+    force: Array
+    after: Array
+    anchor: Array
+    slip: Array
+    # Status, that before, that of which `inverse` is, (c,); counters (c, COUNTERS).
+    status: Any
+    was: Any
+    held: Any
+    counters: Array
+    # Q by the present statuses, (2c, 2c), and the inverse.
+    matrix: Array
+    inverse: Array
+    # Work arrays: (2c,) each in rows, and (m,).
+    work: Array
+    push: Array
+
+
+@reordered_call
+def multiply(matrix: Any, x: Any, y: Any) -> None:
+    """Set y to matrix x."""
+    for i in range(matrix.shape[0]):
+        total = 0.0
+        for j in range(matrix.shape[1]):
+            total += matrix[i, j] * x[j]
+        y[i] = total
+
+
+@reordered_call
+def see(gaps: Any, q: Any, v: Any, g: Any, r: Any) -> None:
+    """Gaps and their rates, contact by contact."""
+    c = gaps.shape[0] // 2
+    for i in range(c):
+        a, b, x, y = 0.0, 0.0, 0.0, 0.0
+        for j in range(gaps.shape[1]):
+            a += gaps[i, j] * q[j]
+            b += gaps[c + i, j] * q[j]
+            x += gaps[i, j] * v[j]
+            y += gaps[c + i, j] * v[j]
+        g[i], g[c + i], r[i], r[c + i] = a, b, x, y
+
+
+@reordered_call
+def kick(gaps: Any, impulse: Any, push: Any) -> None:
+    """What impulses give the modes."""
+    c = gaps.shape[0] // 2
+    push[:] = 0.0
+    for i in range(c):
+        for j in range(gaps.shape[1]):
+            push[j] += gaps[i, j] * impulse[i] + gaps[c + i, j] * impulse[c + i]
+
+
+@reordered_call
+def move(flow: Any, push: Any, q: Any, v: Any) -> None:
+    """Add the impulse and move freely over a step."""
+    for j in range(len(q)):
+        x, y = q[j], v[j] + push[j]
+        q[j] = flow[0, j] * x + flow[1, j] * y
+        v[j] = flow[2, j] * x + flow[3, j] * y
+
+
+@reordered_call
+def observe(output: Any, damping: Any, v: Any, push: Any) -> Any:
+    """Velocity of B, and power lost, in the middle of an impulse."""
+    speed, power = 0.0, 0.0
+    for j in range(len(v)):
+        middle = v[j] + 0.5 * push[j]
+        speed += output[j] * middle
+        power += damping[j] * middle * middle
+    return speed, power
+
+
+@reordered_call
+def replace_row(inverse: Any, k: int, row: Any, work: Any) -> bool:
+    """Make `inverse` that of the matrix with `row` in place of row k; False if its pivot is not positive."""
+    n = len(row)
+    work[:] = 0.0
+    for i in range(n):
+        if row[i] != 0.0:
+            for j in range(n):
+                work[j] += row[i] * inverse[i, j]
+    pivot = work[k]
+    if not pivot > LEAST_PIVOT:
+        return False
+    work[k] -= 1.0
+    for i in range(n):
+        share = inverse[i, k] / pivot
+        if share != 0.0:
+            for j in range(n):
+                inverse[i, j] -= share * work[j]
+    return True
+
+
+@inlined
+def coefficient(law: Any, i: int, status: int) -> float:
+    """T / N of a contact that slips with constant friction."""
+    return law.kinetic[i] if status == SLIP else -law.kinetic[i]
+
+
+@called
+def follow(law: Any, motion: Any, i: int, new: int, row: Any, work: Any) -> int:
+    """Make the inverse that of contact i's new status; rows replaced, or -1 where a pivot is not positive."""
+    c, old, matrix = len(law.mu), motion.held[i], motion.matrix
+    done, fine = 0, True
+    if new != SEPARATION and old == SEPARATION:
+        fine, done = replace_row(motion.inverse, i, matrix[i], work), done + 1
+    if new == STICK:
+        row[:] = matrix[c + i]
+    else:
+        row[:] = 0.0
+        row[c + i] = 1.0
+        row[i] = 0.0 if new == SEPARATION else -coefficient(law, i, new)
+    fine, done = replace_row(motion.inverse, c + i, row, work) and fine, done + 1
+    if new == SEPARATION and old != SEPARATION:
+        row[:] = 0.0
+        row[i] = 1.0
+        fine, done = replace_row(motion.inverse, i, row, work) and fine, done + 1
+    motion.held[i] = new
+    return done if fine else -1
+
+
+@called
+def gauss_seidel(law: Any, motion: Any, b: Any) -> float:
+    """Solve a step contact by contact from the present forces; the last change in units of the largest force."""
+    c, A, f, change = len(law.mu), motion.matrix, motion.force, np.inf
+    for _ in range(SWEEPS):
+        change, size = 0.0, 0.0
+        for i in range(c):
+            t, was = c + i, motion.was[i]
+            rest_N, rest_T = b[i], b[t]
+            for j in range(2 * c):
+                rest_N -= A[i, j] * f[j]
+                rest_T -= A[t, j] * f[j]
+            nn, nt, tn, tt = A[i, i], A[i, t], A[t, i], A[t, t]
+            rest_N, rest_T = rest_N + nn * f[i] + nt * f[t], rest_T + tn * f[i] + tt * f[t]
+            determinant = nn * tt - nt * tn
+            N, T = (tt * rest_N - nt * rest_T) / determinant, (nn * rest_T - tn * rest_N) / determinant
+            status = STICK
+            sticks = N > 0.0 and abs(T) <= (law.mu[i] if was == STICK else law.kinetic[i]) * N
+            if law.falls and was != STICK and motion.slip[i] * T < 0.0:
+                # If stick and slip are both possible, slip continues.
+                sticks = sticks and sliding(law, motion, i, rest_N, rest_T)[0] < 0.0
+            if not sticks:
+                status = SLIP if T > 0.0 else DOWN
+                m = coefficient(law, i, status)
+                if law.falls:
+                    m *= sliding(law, motion, i, rest_N, rest_T)[1]
+                N = rest_N / (nn + m * nt)
+                T = m * N
+                if not N > 0.0:
+                    N, T, status = 0.0, 0.0, SEPARATION
+            change, size = max(change, abs(N - f[i]), abs(T - f[t])), max(size, N)
+            f[i], f[t], motion.status[i] = N, T, status
+        change /= max(size, 1e-3)
+        if change <= SETTLED:
+            break
+    return change
+
+
+@called
+def sliding(law: Any, motion: Any, i: int, rest_N: float, rest_T: float) -> Any:
+    """Slip speed of a contact beside given others, and mu(v) / mu there, where friction falls with the speed."""
+    c, A = len(law.mu), motion.matrix
+    t = c + i
+    way = 1.0 if rest_T - A[t, i] * rest_N / A[i, i] > 0.0 else -1.0
+    # The slip rate is (A f - b)_T / late, in units of the matrix.
+    nn, nt, tn, tt = A[i, i], way * A[i, t], way * A[t, i], A[t, t]
+    per = law.unit / law.late
+    return slip_speed(
+        -way * motion.slip[i], per * (way * rest_T - tn * rest_N / nn), per * (tt - tn * nt / nn),
+        rest_N, nn, -nt, law.mu[i], law.law,
+    )  # fmt: skip
+
+
+@called
+def newton(law: Any, motion: Any, b: Any, eligible: Any, most: int, counts: Any) -> bool:
+    """Solve a step by its statuses; False if they do not settle."""
+    c, f, work = len(law.mu), motion.force, motion.work
+    right, row, other, y = work[4], work[5], work[6], work[7]
+    for _ in range(most):
+        counts[0] += 1
+        for i in range(c):
+            right[i] = b[i] if motion.status[i] != SEPARATION else 0.0
+            right[c + i] = b[c + i] if motion.status[i] == STICK else 0.0
+        multiply(motion.inverse, right, f)
+        multiply(motion.matrix, f, y)
+        moved = False
+        for i in range(c):
+            now, t = motion.status[i], c + i
+            new = now
+            if now == SEPARATION:
+                if eligible[i] and b[i] > y[i]:
+                    new = STICK
+            elif not f[i] > 0.0:
+                new = SEPARATION
+            elif now == STICK:
+                m = law.mu[i] if motion.was[i] == STICK else law.kinetic[i]
+                if abs(f[t]) > m * f[i]:
+                    new = SLIP if f[t] > 0.0 else DOWN
+            elif (b[t] < y[t]) == (now == SLIP):
+                new = STICK
+            if new != now:
+                moved, motion.status[i] = True, new
+        if not moved:
+            return True
+        for i in range(c):
+            if motion.status[i] != motion.held[i]:
+                done = follow(law, motion, i, motion.status[i], row, other)
+                counts[1] += max(done, 0)
+                if done < 0:
+                    counts[2] += 1
+                    return False
+    return False
+
+
+@called
+def renew(law: Any, motion: Any, counts: Any) -> None:
+    """Make the inverse anew for the present statuses and matrix."""
+    motion.inverse[:] = 0.0
+    for i in range(len(motion.inverse)):
+        motion.inverse[i, i] = 1.0
+    motion.held[:] = SEPARATION
+    for i in range(len(law.mu)):
+        if motion.status[i] != SEPARATION:
+            follow(law, motion, i, motion.status[i], motion.work[5], motion.work[6])
+    counts[1] = 0
+
+
+@called
+def solve(law: Any, motion: Any, b: Any, eligible: Any, counts: Any) -> None:
+    """Forces and statuses of a step. `counts`: Newton steps, rows replaced, lost pivots, sweeps used, unsolved."""
+    c, before = len(law.mu), motion.work[8]
+    if not law.falls:
+        if counts[1] > REPLACED:
+            renew(law, motion, counts)
+        before[:] = motion.force
+        if newton(law, motion, b, eligible, NEWTON, counts):
+            return
+        motion.force[:] = before
+        renew(law, motion, counts)
+    for i in range(c):
+        if not eligible[i]:
+            b[i] = -1e300
+    counts[3] += 1
+    change = gauss_seidel(law, motion, b)
+    counts[4] += change > UNSOLVED
+    if not law.falls:
+        for i in range(c):
+            if motion.status[i] != motion.held[i]:
+                follow(law, motion, i, motion.status[i], motion.work[5], motion.work[6])
+
+
+@kernel
+def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any, rows: Any, sticks: Any) -> None:
+    """Take a scene to its next pause, as `fast.kernel.advance` does; `counts` is that of `solve`."""
+    scene, c, h = scenes[0], len(law.mu), law.step
+    work, status, was, u, f, anchor = motion.work, motion.status, motion.was, motion.u, motion.force, motion.anchor
+    g, r, b, mean, rate = work[0], work[1], work[2], work[3], work[9]
+    impulse, base, eligible = work[10], work[11], work[12]
+    for now in range(scene.now, scene.last):
+        if scene.settle == now:
+            clear(scene)
+            motion.counters[:] = 0.0
+        t = (now + 0.5) * h
+        drive = scene.acceleration * t if t < scene.ramp else scene.speed
+        X = 0.5 * drive * t if t < scene.ramp else drive * (t - 0.5 * scene.ramp)
+        see(law.gaps, motion.q, motion.v, g, r)
+        multiply(law.delassus, law.rest, mean)
+        for i in range(c):
+            k = c + i
+            old = min(status[i], SLIP)
+            if old != was[i]:
+                motion.matrix[k] = law.matrix[old, k]
+                was[i] = old
+                if status[i] == STICK and not law.falls:
+                    follow(law, motion, i, STICK, work[5], work[6])
+            g[i], g[k] = law.at_rest[i] - g[i], g[k] + law.at_rest[k] - X
+            r[i], r[k] = r[i] - mean[i], r[k] - mean[k] - drive
+            eligible[i] = old != SEPARATION or g[i] > law.keep * u[i]
+            if law.rigid:
+                # Where a contact or its stick begins, gaps do not change over the next move (`fast.kernel`).
+                b[i] = -(r[i] if old != SEPARATION else 0.75 * r[i] - 0.25 * motion.after[i])
+                b[k] = -(r[k] if old == STICK else 0.75 * r[k] - 0.25 * motion.after[k])
+                eligible[i] = old != SEPARATION or g[i] > 0.0
+            else:
+                b[i] = g[i] - law.times[STICK] * r[i]
+                b[k] = (anchor[i] - g[k] if old == STICK else u[k]) - law.times[old] * r[k]
+            b[i], b[k] = b[i] / law.unit, b[k] / law.unit
+        solve(law, motion, b, eligible, counts)
+        multiply(law.delassus, f, mean)
+        multiply(law.flexibility, f, base)
+        lost, slips, opens, sum_N, sum_T, fastest = 0.0, 0, 0, 0.0, 0.0, 0.0
+        for i in range(c):
+            k, now_is, old = c + i, min(status[i], SLIP), was[i]
+            mean[i], mean[k] = mean[i] + r[i], mean[k] + r[k]
+            before = 0.0 if law.rigid else anchor[i] - g[k] if old == STICK else u[k]
+            slip_rate = mean[k]
+            if now_is == STICK:
+                end = before - (law.times[old] - law.times[STICK]) * mean[k]
+                anchor[i] = g[k] + end
+                rate[k] = -mean[k]
+                slip_rate = 0.0
+                if law.rigid:
+                    scene.impact -= h * f[k] * mean[k]
+            else:
+                before += (law.times[SLIP] - law.times[STICK]) * mean[k] if old == STICK else 0.0
+                end = law.keep * before + (1.0 - law.keep) * base[k]
+                rate[k] = (end - before) / h
+                slip_rate += rate[k]
+                lost += h * (law.varied - 1.0) * law.dashpot[k, k] * rate[k] * rate[k]
+            u[k] = end
+            if now_is == SEPARATION:
+                first = g[i] if old != SEPARATION and g[i] > law.keep * u[i] else u[i]
+                u[i] = law.keep * first + (1.0 - law.keep) * base[i] if not law.rigid else 0.0
+                rate[i] = (u[i] - first) / h
+            else:
+                rate[i] = -mean[i]
+                u[i] = g[i] if not law.rigid else 0.0
+                scene.friction -= h * f[k] * slip_rate if now_is == SLIP else 0.0
+                scene.work += h * f[k] * drive
+                if law.rigid:
+                    scene.impact -= h * f[i] * mean[i]
+            motion.slip[i] = slip_rate
+            if abs(slip_rate) > abs(fastest):
+                fastest = slip_rate
+            sum_N, sum_T = sum_N + f[i], sum_T + f[k]
+            opens += law.closed[i] and now_is == SEPARATION
+            slips += law.closed[i] and now_is == SLIP
+            table = motion.counters[i]
+            table[OPEN_TIME if now_is == SEPARATION else STICK_TIME if now_is == STICK else SLIP_TIME] += h
+            table[SUM_N] += h * f[i]
+            table[MAX_N], table[MAX_SLIP] = max(table[MAX_N], f[i]), max(table[MAX_SLIP], abs(slip_rate))
+            table[SWITCHES] += now_is != old
+            impulse[i], impulse[k] = h * (f[i] - law.rest[i]), h * (f[k] - law.rest[k])
+            motion.after[i], motion.after[k] = 2.0 * mean[i] - r[i], 2.0 * mean[k] - r[k]
+        if not law.rigid:
+            multiply(law.dashpot, rate, base)
+            for k in range(2 * c):
+                lost += h * base[k] * rate[k]
+        scene.termination += lost
+        contact = SEPARATION if opens > 0 else SLIP if slips > 0 else STICK
+        scene.sum_N += h * sum_N
+        scene.max_N, scene.max_slip = max(scene.max_N, sum_N), max(scene.max_slip, abs(fastest))
+        if contact == STICK:
+            scene.stick_time += h
+        elif contact == SLIP:
+            scene.slip_time += h
+        else:
+            scene.separation_time += h
+        if contact != scene.contact:
+            if enter(scene, scene.contact, contact, t):
+                place = scene.sticks - 1
+                sticks[place, 0], sticks[place, 1] = scene.last_stick, t
+            scene.contact = contact
+            if scene.settled_from < np.inf:
+                scene.settle = int(np.ceil(scene.settled_from / h - 0.5 - 1e-6))
+        kick(law.gaps, impulse, motion.push)
+        if (
+            now % scene.energy_every == 0
+            or now % scene.sample_every == 0
+            or (scene.row_every > 0 and now % scene.row_every == 0)
+        ):
+            speed, power = observe(law.output, law.damping, motion.v, motion.push)
+            if now % scene.energy_every == 0:
+                scene.damped += scene.energy_every * h * power
+            if now % scene.sample_every == 0:
+                place = scene.samples
+                samples[place, 0], samples[place, 1], samples[place, 2] = speed, fastest, sum_N
+                samples[place, 3], samples[place, 4] = scene.stick_time, scene.separation_time
+                samples[place, 5], samples[place, 6] = scene.sum_N, scene.switches
+                scene.samples += 1
+            if scene.row_every > 0 and now % scene.row_every == 0:
+                row = rows[scene.rows]
+                row[0], row[1], row[2], row[3], row[4], row[5] = t, speed, sum_N, sum_T, fastest, contact
+                for i in range(c):
+                    row[6 + i], row[6 + c + i], row[6 + 2 * c + i] = f[i], f[c + i], motion.slip[i]
+                    row[6 + 3 * c + i] = min(status[i], SLIP)
+                scene.rows += 1
+        move(law.flow, motion.push, motion.q, motion.v)
+    scene.now = scene.last
+
+
+@kernel
+def start(law: Law, motion: Motion, counts: Any) -> None:
+    """Make the inverse of a motion at its start."""
+    renew(law, motion, counts)
