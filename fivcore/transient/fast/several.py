@@ -85,7 +85,7 @@ class SeveralRun(SteppedRun):
             # Stick holds the surfaces where they are at the first impulse.
             u[c:] -= 0.5 * step * (model.tangential @ rates - speed) * model.K.any()
             anchor = u[c:] + model.tangential @ moved + law.at_rest[c:] - 0.5 * step * speed
-        work, rows = np.zeros((13, 2 * c)), np.concatenate([np.arange(c), c + np.arange(c)])
+        work, rows = np.zeros((14, 2 * c)), np.concatenate([np.arange(c), c + np.arange(c)])
         matrix = law.matrix[np.append(np.full(c, STICK), status), rows]
         self.motion = Motion(
             moved, rates, u, force, model.shapes @ rates, anchor, np.zeros(c), status.astype(np.int64),

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fivcore.friction import slip_speed
-from fivcore.jit import Array, called, inlined, kernel, reordered_call
+from fivcore.jit import Array, called, inlined, kernel, reordered
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, enter
 
 # Statuses: those of a record, and slip with T < 0.
@@ -92,7 +92,7 @@ class Motion(NamedTuple):
     push: Array
 
 
-@reordered_call
+@reordered
 def multiply(matrix: Any, x: Any, y: Any) -> None:
     """Set y to matrix x."""
     for i in range(matrix.shape[0]):
@@ -102,7 +102,7 @@ def multiply(matrix: Any, x: Any, y: Any) -> None:
         y[i] = total
 
 
-@reordered_call
+@reordered
 def see(gaps: Any, q: Any, v: Any, g: Any, r: Any) -> None:
     """Gaps and their rates, contact by contact."""
     c = gaps.shape[0] // 2
@@ -116,7 +116,7 @@ def see(gaps: Any, q: Any, v: Any, g: Any, r: Any) -> None:
         g[i], g[c + i], r[i], r[c + i] = a, b, x, y
 
 
-@reordered_call
+@reordered
 def kick(gaps: Any, impulse: Any, push: Any) -> None:
     """What impulses give the modes."""
     c = gaps.shape[0] // 2
@@ -126,7 +126,7 @@ def kick(gaps: Any, impulse: Any, push: Any) -> None:
             push[j] += gaps[i, j] * impulse[i] + gaps[c + i, j] * impulse[c + i]
 
 
-@reordered_call
+@reordered
 def move(flow: Any, push: Any, q: Any, v: Any) -> None:
     """Add the impulse and move freely over a step."""
     for j in range(len(q)):
@@ -135,7 +135,7 @@ def move(flow: Any, push: Any, q: Any, v: Any) -> None:
         v[j] = flow[2, j] * x + flow[3, j] * y
 
 
-@reordered_call
+@reordered
 def observe(output: Any, damping: Any, v: Any, push: Any) -> Any:
     """Velocity of B, and power lost, in the middle of an impulse."""
     speed, power = 0.0, 0.0
@@ -146,7 +146,7 @@ def observe(output: Any, damping: Any, v: Any, push: Any) -> Any:
     return speed, power
 
 
-@reordered_call
+@reordered
 def replace_row(inverse: Any, k: int, row: Any, work: Any) -> bool:
     """Make `inverse` that of the matrix with `row` in place of row k; False if its pivot is not positive."""
     n = len(row)
@@ -167,121 +167,114 @@ def replace_row(inverse: Any, k: int, row: Any, work: Any) -> bool:
     return True
 
 
-@inlined
-def coefficient(law: Any, i: int, status: int) -> float:
-    """T / N of a contact that slips with constant friction."""
-    return law.kinetic[i] if status == SLIP else -law.kinetic[i]
-
-
 @called
-def follow(law: Any, motion: Any, i: int, new: int, row: Any, work: Any) -> int:
+def follow(inverse: Any, matrix: Any, held: Any, kinetic: Any, i: int, new: int, work: Any) -> int:
     """Make the inverse that of contact i's new status; rows replaced, or -1 where a pivot is not positive."""
-    c, old, matrix = len(law.mu), motion.held[i], motion.matrix
-    done, fine = 0, True
+    c, old, row, other = len(held), held[i], work[5], work[6]
+    done, fine = 1, True
     if new != SEPARATION and old == SEPARATION:
-        fine, done = replace_row(motion.inverse, i, matrix[i], work), done + 1
+        row[:] = matrix[i]
+        fine, done = replace_row(inverse, i, row, other), 2
+    row[:] = 0.0
+    row[c + i] = 1.0
     if new == STICK:
         row[:] = matrix[c + i]
-    else:
-        row[:] = 0.0
-        row[c + i] = 1.0
-        row[i] = 0.0 if new == SEPARATION else -coefficient(law, i, new)
-    fine, done = replace_row(motion.inverse, c + i, row, work) and fine, done + 1
+    elif new != SEPARATION:
+        row[i] = -kinetic[i] if new == SLIP else kinetic[i]
+    fine = replace_row(inverse, c + i, row, other) and fine
     if new == SEPARATION and old != SEPARATION:
         row[:] = 0.0
         row[i] = 1.0
-        fine, done = replace_row(motion.inverse, i, row, work) and fine, done + 1
-    motion.held[i] = new
+        fine, done = replace_row(inverse, i, row, other) and fine, 2
+    held[i] = new
     return done if fine else -1
 
 
 @called
 def gauss_seidel(law: Any, motion: Any, b: Any) -> float:
     """Solve a step contact by contact from the present forces; the last change in units of the largest force."""
-    c, A, f, change = len(law.mu), motion.matrix, motion.force, np.inf
+    A, f, was, status, slip, mu, kinetic = (
+        motion.matrix, motion.force, motion.was, motion.status, motion.slip, law.mu, law.kinetic
+    )  # fmt: skip
+    c, change, per = len(mu), np.inf, law.unit / law.late
     for _ in range(SWEEPS):
         change, size = 0.0, 0.0
         for i in range(c):
-            t, was = c + i, motion.was[i]
-            rest_N, rest_T = b[i], b[t]
-            for j in range(2 * c):
-                rest_N -= A[i, j] * f[j]
-                rest_T -= A[t, j] * f[j]
+            t = c + i
             nn, nt, tn, tt = A[i, i], A[i, t], A[t, i], A[t, t]
+            rest_N, rest_T = others(A, f, b, i, t)
             rest_N, rest_T = rest_N + nn * f[i] + nt * f[t], rest_T + tn * f[i] + tt * f[t]
             determinant = nn * tt - nt * tn
             N, T = (tt * rest_N - nt * rest_T) / determinant, (nn * rest_T - tn * rest_N) / determinant
-            status = STICK
-            sticks = N > 0.0 and abs(T) <= (law.mu[i] if was == STICK else law.kinetic[i]) * N
-            if law.falls and was != STICK and motion.slip[i] * T < 0.0:
-                # If stick and slip are both possible, slip continues.
-                sticks = sticks and sliding(law, motion, i, rest_N, rest_T)[0] < 0.0
+            now = STICK
+            sticks = N > 0.0 and abs(T) <= (mu[i] if was[i] == STICK else kinetic[i]) * N
+            way, ratio = 1.0 if T > 0.0 else -1.0, 1.0
+            if law.falls and not (sticks and was[i] == STICK):
+                # The slip rate is (A f - b)_T / late in units of the matrix; if stick and slip are both possible,
+                # slip continues.
+                ahead, mobility = per * way * (rest_T - tn * rest_N / nn), per * (tt - tn * nt / nn)
+                speed, ratio = slip_speed(-way * slip[i], ahead, mobility, rest_N, nn, -way * nt, mu[i], law.law)
+                sticks = sticks and speed < 0.0
             if not sticks:
-                status = SLIP if T > 0.0 else DOWN
-                m = coefficient(law, i, status)
-                if law.falls:
-                    m *= sliding(law, motion, i, rest_N, rest_T)[1]
-                N = rest_N / (nn + m * nt)
+                m = way * ratio * kinetic[i]
+                N, now = rest_N / (nn + m * nt), SLIP if T > 0.0 else DOWN
                 T = m * N
                 if not N > 0.0:
-                    N, T, status = 0.0, 0.0, SEPARATION
+                    N, T, now = 0.0, 0.0, SEPARATION
             change, size = max(change, abs(N - f[i]), abs(T - f[t])), max(size, N)
-            f[i], f[t], motion.status[i] = N, T, status
+            f[i], f[t], status[i] = N, T, now
         change /= max(size, 1e-3)
         if change <= SETTLED:
             break
     return change
 
 
-@called
-def sliding(law: Any, motion: Any, i: int, rest_N: float, rest_T: float) -> Any:
-    """Slip speed of a contact beside given others, and mu(v) / mu there, where friction falls with the speed."""
-    c, A = len(law.mu), motion.matrix
-    t = c + i
-    way = 1.0 if rest_T - A[t, i] * rest_N / A[i, i] > 0.0 else -1.0
-    # The slip rate is (A f - b)_T / late, in units of the matrix.
-    nn, nt, tn, tt = A[i, i], way * A[i, t], way * A[t, i], A[t, t]
-    per = law.unit / law.late
-    return slip_speed(
-        -way * motion.slip[i], per * (way * rest_T - tn * rest_N / nn), per * (tt - tn * nt / nn),
-        rest_N, nn, -nt, law.mu[i], law.law,
-    )  # fmt: skip
+@reordered
+def others(A: Any, f: Any, b: Any, i: int, t: int) -> Any:
+    """Two rows of b - A f."""
+    x, y = b[i], b[t]
+    for j in range(len(f)):
+        x -= A[i, j] * f[j]
+        y -= A[t, j] * f[j]
+    return x, y
 
 
-@called
-def newton(law: Any, motion: Any, b: Any, eligible: Any, most: int, counts: Any) -> bool:
+@inlined
+def newton(
+    inverse: Any, matrix: Any, b: Any, eligible: Any, mu: Any, kinetic: Any, was: Any, status: Any, held: Any,
+    f: Any, right: Any, y: Any, work: Any, counts: Any,
+) -> bool:  # fmt: skip
     """Solve a step by its statuses; False if they do not settle."""
-    c, f, work = len(law.mu), motion.force, motion.work
-    right, row, other, y = work[4], work[5], work[6], work[7]
-    for _ in range(most):
+    c = len(mu)
+    for _ in range(NEWTON):
         counts[0] += 1
         for i in range(c):
-            right[i] = b[i] if motion.status[i] != SEPARATION else 0.0
-            right[c + i] = b[c + i] if motion.status[i] == STICK else 0.0
-        multiply(motion.inverse, right, f)
-        multiply(motion.matrix, f, y)
+            right[i] = b[i] if status[i] != SEPARATION else 0.0
+            right[c + i] = b[c + i] if status[i] == STICK else 0.0
+        multiply(inverse, right, f)
+        multiply(matrix, f, y)
         moved = False
         for i in range(c):
-            now, t = motion.status[i], c + i
+            now, t = status[i], c + i
             new = now
             if now == SEPARATION:
-                if eligible[i] and b[i] > y[i]:
+                if eligible[i] != 0.0 and b[i] > y[i]:
                     new = STICK
             elif not f[i] > 0.0:
                 new = SEPARATION
             elif now == STICK:
-                m = law.mu[i] if motion.was[i] == STICK else law.kinetic[i]
+                m = mu[i] if was[i] == STICK else kinetic[i]
                 if abs(f[t]) > m * f[i]:
                     new = SLIP if f[t] > 0.0 else DOWN
             elif (b[t] < y[t]) == (now == SLIP):
                 new = STICK
             if new != now:
-                moved, motion.status[i] = True, new
+                moved, status[i] = True, new
         if not moved:
             return True
         for i in range(c):
-            if motion.status[i] != motion.held[i]:
-                done = follow(law, motion, i, motion.status[i], row, other)
+            if status[i] != held[i]:
+                done = follow(inverse, matrix, held, kinetic, i, status[i], work)
                 counts[1] += max(done, 0)
                 if done < 0:
                     counts[2] += 1
@@ -296,34 +289,31 @@ def renew(law: Any, motion: Any, counts: Any) -> None:
     for i in range(len(motion.inverse)):
         motion.inverse[i, i] = 1.0
     motion.held[:] = SEPARATION
-    for i in range(len(law.mu)):
-        if motion.status[i] != SEPARATION:
-            follow(law, motion, i, motion.status[i], motion.work[5], motion.work[6])
+    update(law, motion)
     counts[1] = 0
 
 
 @called
-def solve(law: Any, motion: Any, b: Any, eligible: Any, counts: Any) -> None:
-    """Forces and statuses of a step. `counts`: Newton steps, rows replaced, lost pivots, sweeps used, unsolved."""
-    c, before = len(law.mu), motion.work[8]
+def update(law: Any, motion: Any) -> None:
+    """Let the inverse be that of the present statuses."""
+    for i in range(len(law.mu)):
+        if motion.status[i] != motion.held[i]:
+            follow(motion.inverse, motion.matrix, motion.held, law.kinetic, i, motion.status[i], motion.work)
+
+
+@called
+def relax(law: Any, motion: Any, b: Any, eligible: Any, before: Any, counts: Any) -> None:
+    """Solve a step by Gauss-Seidel, from the forces before it."""
     if not law.falls:
-        if counts[1] > REPLACED:
-            renew(law, motion, counts)
-        before[:] = motion.force
-        if newton(law, motion, b, eligible, NEWTON, counts):
-            return
         motion.force[:] = before
         renew(law, motion, counts)
-    for i in range(c):
-        if not eligible[i]:
+    for i in range(len(law.mu)):
+        if eligible[i] == 0.0:
             b[i] = -1e300
     counts[3] += 1
-    change = gauss_seidel(law, motion, b)
-    counts[4] += change > UNSOLVED
+    counts[4] += gauss_seidel(law, motion, b) > UNSOLVED
     if not law.falls:
-        for i in range(c):
-            if motion.status[i] != motion.held[i]:
-                follow(law, motion, i, motion.status[i], motion.work[5], motion.work[6])
+        update(law, motion)
 
 
 @kernel
@@ -331,86 +321,107 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
     """Take a scene to its next pause, as `fast.kernel.advance` does; `counts` is that of `solve`."""
     scene, c, h = scenes[0], len(law.mu), law.step
     work, status, was, u, f, anchor = motion.work, motion.status, motion.was, motion.u, motion.force, motion.anchor
-    g, r, b, mean, rate = work[0], work[1], work[2], work[3], work[9]
-    impulse, base, eligible = work[10], work[11], work[12]
+    g, r, b, mean, rate, share = work[0], work[1], work[2], work[3], work[9], work[13]
+    impulse, base, eligible, right, y, last = work[10], work[11], work[12], work[4], work[7], work[8]
+    inverse, matrix, held, falls = motion.inverse, motion.matrix, motion.held, law.falls
+    q, v, slip, after, push, counters = (
+        motion.q, motion.v, motion.slip, motion.after, motion.push, motion.counters
+    )  # fmt: skip
+    gaps, flow, output, damping, flexibility, delassus, dashpot = (
+        law.gaps, law.flow, law.output, law.damping, law.flexibility, law.delassus, law.dashpot
+    )  # fmt: skip
+    by_status, times, rest, at_rest, closed, mu, kinetic = (
+        law.matrix, law.times, law.rest, law.at_rest, law.closed, law.mu, law.kinetic
+    )  # fmt: skip
+    per_step, per_unit, rigid, keep = 1.0 / h, 1.0 / law.unit, law.rigid, law.keep
+    gone, varied = 1.0 - keep, h * (law.varied - 1.0)
+    # The load's share of the rates.
+    multiply(delassus, rest, share)
     for now in range(scene.now, scene.last):
         if scene.settle == now:
             clear(scene)
-            motion.counters[:] = 0.0
+            counters[:] = 0.0
         t = (now + 0.5) * h
         drive = scene.acceleration * t if t < scene.ramp else scene.speed
         X = 0.5 * drive * t if t < scene.ramp else drive * (t - 0.5 * scene.ramp)
-        see(law.gaps, motion.q, motion.v, g, r)
-        multiply(law.delassus, law.rest, mean)
+        see(gaps, q, v, g, r)
         for i in range(c):
             k = c + i
             old = min(status[i], SLIP)
             if old != was[i]:
-                motion.matrix[k] = law.matrix[old, k]
+                matrix[k] = by_status[old, k]
                 was[i] = old
-                if status[i] == STICK and not law.falls:
-                    follow(law, motion, i, STICK, work[5], work[6])
-            g[i], g[k] = law.at_rest[i] - g[i], g[k] + law.at_rest[k] - X
-            r[i], r[k] = r[i] - mean[i], r[k] - mean[k] - drive
-            eligible[i] = old != SEPARATION or g[i] > law.keep * u[i]
-            if law.rigid:
+                if status[i] == STICK and not falls:
+                    follow(inverse, matrix, held, kinetic, i, STICK, work)
+            g[i], g[k] = at_rest[i] - g[i], g[k] + at_rest[k] - X
+            r[i], r[k] = r[i] - share[i], r[k] - share[k] - drive
+            eligible[i] = 1.0 if old != SEPARATION or g[i] > keep * u[i] else 0.0
+            if rigid:
                 # Where a contact or its stick begins, gaps do not change over the next move (`fast.kernel`).
-                b[i] = -(r[i] if old != SEPARATION else 0.75 * r[i] - 0.25 * motion.after[i])
-                b[k] = -(r[k] if old == STICK else 0.75 * r[k] - 0.25 * motion.after[k])
-                eligible[i] = old != SEPARATION or g[i] > 0.0
+                b[i] = -(r[i] if old != SEPARATION else 0.75 * r[i] - 0.25 * after[i])
+                b[k] = -(r[k] if old == STICK else 0.75 * r[k] - 0.25 * after[k])
+                eligible[i] = 1.0 if old != SEPARATION or g[i] > 0.0 else 0.0
             else:
-                b[i] = g[i] - law.times[STICK] * r[i]
-                b[k] = (anchor[i] - g[k] if old == STICK else u[k]) - law.times[old] * r[k]
-            b[i], b[k] = b[i] / law.unit, b[k] / law.unit
-        solve(law, motion, b, eligible, counts)
-        multiply(law.delassus, f, mean)
-        multiply(law.flexibility, f, base)
+                b[i] = g[i] - times[STICK] * r[i]
+                b[k] = (anchor[i] - g[k] if old == STICK else u[k]) - times[old] * r[k]
+            b[i], b[k] = b[i] * per_unit, b[k] * per_unit
+        if not falls:
+            if counts[1] > REPLACED:
+                renew(law, motion, counts)
+            for k in range(2 * c):
+                last[k] = f[k]
+        if falls or not newton(
+            inverse, matrix, b, eligible, mu, kinetic, was, status, held, f, right, y, work, counts
+        ):
+            relax(law, motion, b, eligible, last, counts)
+        multiply(delassus, f, mean)
+        multiply(flexibility, f, base)
         lost, slips, opens, sum_N, sum_T, fastest = 0.0, 0, 0, 0.0, 0.0, 0.0
         for i in range(c):
             k, now_is, old = c + i, min(status[i], SLIP), was[i]
             mean[i], mean[k] = mean[i] + r[i], mean[k] + r[k]
-            before = 0.0 if law.rigid else anchor[i] - g[k] if old == STICK else u[k]
+            before = 0.0 if rigid else anchor[i] - g[k] if old == STICK else u[k]
             slip_rate = mean[k]
             if now_is == STICK:
-                end = before - (law.times[old] - law.times[STICK]) * mean[k]
+                end = before - (times[old] - times[STICK]) * mean[k]
                 anchor[i] = g[k] + end
                 rate[k] = -mean[k]
                 slip_rate = 0.0
-                if law.rigid:
+                if rigid:
                     scene.impact -= h * f[k] * mean[k]
             else:
-                before += (law.times[SLIP] - law.times[STICK]) * mean[k] if old == STICK else 0.0
-                end = law.keep * before + (1.0 - law.keep) * base[k]
-                rate[k] = (end - before) / h
+                before += (times[SLIP] - times[STICK]) * mean[k] if old == STICK else 0.0
+                end = keep * before + gone * base[k]
+                rate[k] = (end - before) * per_step
                 slip_rate += rate[k]
-                lost += h * (law.varied - 1.0) * law.dashpot[k, k] * rate[k] * rate[k]
+                lost += varied * dashpot[k, k] * rate[k] * rate[k]
             u[k] = end
             if now_is == SEPARATION:
-                first = g[i] if old != SEPARATION and g[i] > law.keep * u[i] else u[i]
-                u[i] = law.keep * first + (1.0 - law.keep) * base[i] if not law.rigid else 0.0
-                rate[i] = (u[i] - first) / h
+                first = g[i] if old != SEPARATION and g[i] > keep * u[i] else u[i]
+                u[i] = keep * first + gone * base[i] if not rigid else 0.0
+                rate[i] = (u[i] - first) * per_step
             else:
                 rate[i] = -mean[i]
-                u[i] = g[i] if not law.rigid else 0.0
+                u[i] = g[i] if not rigid else 0.0
                 scene.friction -= h * f[k] * slip_rate if now_is == SLIP else 0.0
                 scene.work += h * f[k] * drive
-                if law.rigid:
+                if rigid:
                     scene.impact -= h * f[i] * mean[i]
-            motion.slip[i] = slip_rate
+            slip[i] = slip_rate
             if abs(slip_rate) > abs(fastest):
                 fastest = slip_rate
             sum_N, sum_T = sum_N + f[i], sum_T + f[k]
-            opens += law.closed[i] and now_is == SEPARATION
-            slips += law.closed[i] and now_is == SLIP
-            table = motion.counters[i]
+            opens += closed[i] and now_is == SEPARATION
+            slips += closed[i] and now_is == SLIP
+            table = counters[i]
             table[OPEN_TIME if now_is == SEPARATION else STICK_TIME if now_is == STICK else SLIP_TIME] += h
             table[SUM_N] += h * f[i]
             table[MAX_N], table[MAX_SLIP] = max(table[MAX_N], f[i]), max(table[MAX_SLIP], abs(slip_rate))
             table[SWITCHES] += now_is != old
-            impulse[i], impulse[k] = h * (f[i] - law.rest[i]), h * (f[k] - law.rest[k])
-            motion.after[i], motion.after[k] = 2.0 * mean[i] - r[i], 2.0 * mean[k] - r[k]
-        if not law.rigid:
-            multiply(law.dashpot, rate, base)
+            impulse[i], impulse[k] = h * (f[i] - rest[i]), h * (f[k] - rest[k])
+            after[i], after[k] = 2.0 * mean[i] - r[i], 2.0 * mean[k] - r[k]
+        if not rigid:
+            multiply(dashpot, rate, base)
             for k in range(2 * c):
                 lost += h * base[k] * rate[k]
         scene.termination += lost
@@ -430,13 +441,13 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
             scene.contact = contact
             if scene.settled_from < np.inf:
                 scene.settle = int(np.ceil(scene.settled_from / h - 0.5 - 1e-6))
-        kick(law.gaps, impulse, motion.push)
+        kick(gaps, impulse, push)
         if (
             now % scene.energy_every == 0
             or now % scene.sample_every == 0
             or (scene.row_every > 0 and now % scene.row_every == 0)
         ):
-            speed, power = observe(law.output, law.damping, motion.v, motion.push)
+            speed, power = observe(output, damping, v, push)
             if now % scene.energy_every == 0:
                 scene.damped += scene.energy_every * h * power
             if now % scene.sample_every == 0:
@@ -449,10 +460,10 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
                 row = rows[scene.rows]
                 row[0], row[1], row[2], row[3], row[4], row[5] = t, speed, sum_N, sum_T, fastest, contact
                 for i in range(c):
-                    row[6 + i], row[6 + c + i], row[6 + 2 * c + i] = f[i], f[c + i], motion.slip[i]
+                    row[6 + i], row[6 + c + i], row[6 + 2 * c + i] = f[i], f[c + i], slip[i]
                     row[6 + 3 * c + i] = min(status[i], SLIP)
                 scene.rows += 1
-        move(law.flow, motion.push, motion.q, motion.v)
+        move(flow, push, q, v)
     scene.now = scene.last
 
 
