@@ -78,14 +78,14 @@ class SeveralRun(SteppedRun):
             self.record["work"] -= self._ramp_work(q)
         else:
             v += model.inertia * speed
-        self._first_energy = self._energy_of(q, v, u)
+        self._first_energy = self._energy_of(q, v)
         moved, rates = _move(model, q - self.shift, v, 0.5 * step)
         anchor = u[c:] + model.tangential @ q + law.at_rest[c:]
         if runs:
             # Stick holds the surfaces where they are at the first impulse.
             u[c:] -= 0.5 * step * (model.tangential @ rates - speed) * model.K.any()
             anchor = u[c:] + model.tangential @ moved + law.at_rest[c:] - 0.5 * step * speed
-        work, rows = np.zeros((14, 2 * c)), np.concatenate([np.arange(c), c + np.arange(c)])
+        work, rows = np.zeros((13, 2 * c)), np.concatenate([np.arange(c), c + np.arange(c)])
         matrix = law.matrix[np.append(np.full(c, STICK), status), rows]
         self.motion = Motion(
             moved, rates, u, force, model.shapes @ rates, anchor, np.zeros(c), status.astype(np.int64),
@@ -165,17 +165,16 @@ class SeveralRun(SteppedRun):
         return np.minimum(self.motion.status, SLIP)
 
     def stored_energy(self) -> float:
-        """Energy of the modes about the equilibrium, the springs, the load and the ramp's push, normalised."""
+        """Energy of the modes about the equilibrium, the load and the ramp's push, normalised; not of the springs."""
         q = self.motion.q + self.shift
-        return self._energy_of(q, self.motion.v, self.motion.u) - self._ramp_work(q)
+        return self._energy_of(q, self.motion.v) - self._ramp_work(q)
 
     def _ramp_work(self, q: Array) -> float:
         return float(np.sum(self.model.stiffness * self.shift * q))
 
-    def _energy_of(self, q: Array, v: Array, u: Array) -> float:
-        model, force = self.model, self.law.rest
-        spring = u @ np.linalg.solve(self.law.flexibility, u) if model.K.any() else 0.0
-        return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + force @ (model.shapes @ q) + 0.5 * spring)
+    def _energy_of(self, q: Array, v: Array) -> float:
+        model = self.model
+        return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + self.law.rest @ (model.shapes @ q))
 
     def flush(self, floor: float) -> bool:
         """Set what is far below every scale to zero; False where a number is not finite."""
@@ -216,10 +215,10 @@ def law_of(model: ReducedModel, scene: Normalised, step: float) -> Law:
     mu = scene.mu * np.asarray(model.friction)
     return Law(
         model.shapes.copy(), propagator(model.stiffness, model.damping, step), model.output.copy(),
-        model.damping.copy(), np.array(S), np.array(M), model.dissipation(contact), matrix / unit, unit, times,
+        model.damping.copy(), np.array(S), np.array(M), matrix / unit, unit, times,
         np.append(model.forces, np.zeros(c)), rest_gaps(model, step), np.asarray(model.forces) > 0.0,
         mu, mu if falls else mu * scene.friction.kinetic_ratio, falls, scene.friction.law, step, keep,
-        1.0 if rigid else step / (1.0 - keep), contact.square_ratio, rigid,
+        1.0 if rigid else step / (1.0 - keep), rigid,
     )  # fmt: skip
 
 

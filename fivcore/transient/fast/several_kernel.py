@@ -44,10 +44,9 @@ class Law(NamedTuple):
     flow: Array
     output: Array
     damping: Array
-    # Flexibility, mean rates and dashpot, (2c, 2c); Q by the status before in units of `unit`, (3, 2c, 2c), its a.
+    # Flexibility and mean rates, (2c, 2c); Q by the status before, (3, 2c, 2c), in units of `unit`, and its a, (3,).
     flexibility: Array
     delassus: Array
-    dashpot: Array
     matrix: Array
     unit: float
     times: Array
@@ -60,11 +59,10 @@ class Law(NamedTuple):
     kinetic: Array
     falls: bool
     law: tuple[float, float, float]
-    # s; exp(-step / tau); step / (1 - keep), s; mean square of a relaxing u_T's rate over its mean squared.
+    # s; exp(-step / tau); step / (1 - keep), s.
     step: float
     keep: float
     late: float
-    varied: float
     rigid: bool
 
 
@@ -321,20 +319,20 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
     """Take a scene to its next pause, as `fast.kernel.advance` does; `counts` is that of `solve`."""
     scene, c, h = scenes[0], len(law.mu), law.step
     work, status, was, u, f, anchor = motion.work, motion.status, motion.was, motion.u, motion.force, motion.anchor
-    g, r, b, mean, rate, share = work[0], work[1], work[2], work[3], work[9], work[13]
+    g, r, b, mean, share = work[0], work[1], work[2], work[3], work[9]
     impulse, base, eligible, right, y, last = work[10], work[11], work[12], work[4], work[7], work[8]
     inverse, matrix, held, falls = motion.inverse, motion.matrix, motion.held, law.falls
     q, v, slip, after, push, counters = (
         motion.q, motion.v, motion.slip, motion.after, motion.push, motion.counters
     )  # fmt: skip
-    gaps, flow, output, damping, flexibility, delassus, dashpot = (
-        law.gaps, law.flow, law.output, law.damping, law.flexibility, law.delassus, law.dashpot
+    gaps, flow, output, damping, flexibility, delassus = (
+        law.gaps, law.flow, law.output, law.damping, law.flexibility, law.delassus
     )  # fmt: skip
     by_status, times, rest, at_rest, closed, mu, kinetic = (
         law.matrix, law.times, law.rest, law.at_rest, law.closed, law.mu, law.kinetic
     )  # fmt: skip
     per_step, per_unit, rigid, keep = 1.0 / h, 1.0 / law.unit, law.rigid, law.keep
-    gone, varied = 1.0 - keep, h * (law.varied - 1.0)
+    gone = 1.0 - keep
     # The load's share of the rates.
     multiply(delassus, rest, share)
     for now in range(scene.now, scene.last):
@@ -376,7 +374,7 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
             relax(law, motion, b, eligible, last, counts)
         multiply(delassus, f, mean)
         multiply(flexibility, f, base)
-        lost, slips, opens, sum_N, sum_T, fastest = 0.0, 0, 0, 0.0, 0.0, 0.0
+        taken, slips, opens, sum_N, sum_T, fastest = 0.0, 0, 0, 0.0, 0.0, 0.0
         for i in range(c):
             k, now_is, old = c + i, min(status[i], SLIP), was[i]
             mean[i], mean[k] = mean[i] + r[i], mean[k] + r[k]
@@ -385,28 +383,20 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
             if now_is == STICK:
                 end = before - (times[old] - times[STICK]) * mean[k]
                 anchor[i] = g[k] + end
-                rate[k] = -mean[k]
                 slip_rate = 0.0
-                if rigid:
-                    scene.impact -= h * f[k] * mean[k]
             else:
                 before += (times[SLIP] - times[STICK]) * mean[k] if old == STICK else 0.0
                 end = keep * before + gone * base[k]
-                rate[k] = (end - before) * per_step
-                slip_rate += rate[k]
-                lost += varied * dashpot[k, k] * rate[k] * rate[k]
+                slip_rate += (end - before) * per_step
             u[k] = end
             if now_is == SEPARATION:
                 first = g[i] if old != SEPARATION and g[i] > keep * u[i] else u[i]
                 u[i] = keep * first + gone * base[i] if not rigid else 0.0
-                rate[i] = (u[i] - first) * per_step
             else:
-                rate[i] = -mean[i]
                 u[i] = g[i] if not rigid else 0.0
-                scene.friction -= h * f[k] * slip_rate if now_is == SLIP else 0.0
+                taken -= f[i] * mean[i] + f[k] * (mean[k] - slip_rate)
+                scene.friction -= h * f[k] * slip_rate
                 scene.work += h * f[k] * drive
-                if rigid:
-                    scene.impact -= h * f[i] * mean[i]
             slip[i] = slip_rate
             if abs(slip_rate) > abs(fastest):
                 fastest = slip_rate
@@ -420,11 +410,8 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
             table[SWITCHES] += now_is != old
             impulse[i], impulse[k] = h * (f[i] - rest[i]), h * (f[k] - rest[k])
             after[i], after[k] = 2.0 * mean[i] - r[i], 2.0 * mean[k] - r[k]
-        if not rigid:
-            multiply(dashpot, rate, base)
-            for k in range(2 * c):
-                lost += h * base[k] * rate[k]
-        scene.termination += lost
+        # What the springs store is in it.
+        scene.termination += h * taken
         contact = SEPARATION if opens > 0 else SLIP if slips > 0 else STICK
         scene.sum_N += h * sum_N
         scene.max_N, scene.max_slip = max(scene.max_N, sum_N), max(scene.max_slip, abs(fastest))
