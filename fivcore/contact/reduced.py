@@ -83,8 +83,10 @@ class ReducedModel(ReadOnlyArrays):
     rigid_step : float
         Default step in rigid contact, in units of the fastest mode's time.
     gap, friction, forces : ndarray, (c,), or None
-        Of several contacts, whose gap shapes are (c, n) and `load_gap` (c,): initial gaps, factors of mu, and normal
+        Of several contacts, whose gap shapes are (c, n) and `load_gap` (2c,): initial gaps, factors of mu, and normal
         forces at rest for a unit load.
+    flexibility, relaxation : ndarray, (2c, 2c), or None; float
+        Of several contacts the inverse of K, m/N, which may be singular but for rounding; C over K, s.
     """
 
     stiffness: Array
@@ -103,6 +105,8 @@ class ReducedModel(ReadOnlyArrays):
     gap: Any = None
     friction: Any = None
     forces: Any = None
+    flexibility: Any = None
+    relaxation: float = 0.0
 
     @cached_property
     def shapes(self) -> Array:
@@ -136,7 +140,7 @@ class ReducedModel(ReadOnlyArrays):
     def rest_u(self) -> Array:
         """Gaps of the modes that are not kept, of several contacts at rest, (2c,), m for a unit load."""
         force = np.append(self.forces, np.zeros(len(self.normal)))
-        return np.asarray((np.linalg.solve(self.K, force) if self.K.any() else 0.0 * force) + self.load_gap)
+        return np.asarray((0.0 if self.flexibility is None else self.flexibility @ force) + self.load_gap)
 
     def discrete(self, step: float) -> DiscreteContact:
         """The contact in steps of `fast`, s, corrected for impulses."""
@@ -163,7 +167,8 @@ class ReducedModel(ReadOnlyArrays):
         """Largest angular frequency of the kept modes' mass on the spring K, rad/s; zero in rigid contact."""
         if not self.K.any():
             return 0.0
-        return float(np.sqrt(np.linalg.eigvals(self.K @ self.W).real.max()))
+        matrix = self.K @ self.W if self.flexibility is None else np.linalg.solve(self.flexibility, self.W)
+        return float(np.sqrt(np.linalg.eigvals(matrix).real.max()))
 
     @property
     def beam_share(self) -> float:
@@ -201,6 +206,11 @@ def _discrete(model: ReducedModel, step: float) -> DiscreteContact:
         return DiscreteContact(np.zeros(half.shape), 0.0, half, step, np.zeros(half.shape))
     parts = at_impulses(model.stiffness, model.damping, step)
     defect, drift = ((model.shapes * part) @ model.shapes.T for part in parts)
+    if model.flexibility is not None:
+        # The dashpot against a motion of all contacts stays.
+        flexibility, every = model.flexibility + defect, np.arange(len(half)) < len(half) // 2
+        before, after = (np.linalg.solve(each, every)[every].sum() for each in (model.flexibility, flexibility))
+        return DiscreteContact(flexibility, model.relaxation * float(before / after), half - drift, step, defect)
     flexibility = np.linalg.inv(model.K) + defect
     # C_NN stays.
     tau = float(model.C[0, 0] / np.linalg.inv(flexibility)[0, 0])
@@ -265,12 +275,12 @@ def reduced_model(rig: ContactModel, theta: float, cutoff: float | None = None) 
     flexibility = residual_flexibility(*lost)
     if full.forces is not None and flexibility.any():
         # A little compliance of each contact's own, so that contacts in one place share a force alike.
-        local = LOCAL * np.trace(flexibility) / len(flexibility) * np.eye(len(flexibility))
-        modal, K = {name: getattr(full, name)[..., kept] for name in MODAL}, np.linalg.inv(flexibility + local)
-        gaps = (lost[1] / lost[0]) @ full.load[~kept]
-        model = replace(full, **modal, kept=kept, K=np.asarray(K), load_gap=gaps)
-        ratio = CONTACT_DAMPING * model.beam_share**4
-        return replace(model, C=max(2.0 * ratio / model.contact_frequency, rig.d2) * model.K)
+        flexibility += LOCAL * np.trace(flexibility) / len(flexibility) * np.eye(len(flexibility))
+        gaps, K = (lost[1] / lost[0]) @ full.load[~kept], np.asarray(np.linalg.inv(flexibility))
+        modal: dict[str, Any] = {name: getattr(full, name)[..., kept] for name in MODAL}
+        model = replace(full, **modal, kept=kept, K=K, load_gap=gaps, flexibility=flexibility)
+        tau = max(2.0 * CONTACT_DAMPING * model.beam_share**4 / model.contact_frequency, rig.d2)
+        return replace(model, C=tau * K, relaxation=tau)
     # One or two modes have no residual of rank two; with them the finite elements are complete. Its condition
     # number is usually about 3; of a flexibility at 1e8 the inverse has half its digits.
     complete = (~kept).sum() <= 2 and not own.static

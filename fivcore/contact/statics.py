@@ -54,9 +54,11 @@ def resting(stiffness: Array, normal: Array, load: Array, gap: Array) -> tuple[A
         dual = nnls(np.vstack([shapes.T / length, opening / size]), np.eye(1, len(load) + 1, len(load))[0])[0]
         N = dual / max(1.0 - float(dual @ opening) / size, 1e-300) * size / length**2
         q = still + (normal.T @ N) / springs
-        forces = _closed(compliance, held, free, moved, N > ROUNDING * N.max(initial=0.0))
-        if forces is not None:
-            return forces
+        found = _closed(compliance, held, free, moved, N > ROUNDING * N.max(initial=0.0))
+        if found is not None:
+            # What touches without a force may share one.
+            touching = found[1] <= ROUNDING * (np.abs(free).max() + np.abs(compliance @ found[0]).max(initial=0.0))
+            return _closed(compliance, held, free, moved, touching) or found
     raise InputError("load: the contacts that it closes are not found; check load, normal and gap")
 
 

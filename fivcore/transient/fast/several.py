@@ -85,7 +85,7 @@ class SeveralRun(SteppedRun):
             # Stick holds the surfaces where they are at the first impulse.
             u[c:] -= 0.5 * step * (model.tangential @ rates - speed) * model.K.any()
             anchor = u[c:] + model.tangential @ moved + law.at_rest[c:] - 0.5 * step * speed
-        work, rows = np.zeros((13, 2 * c)), np.concatenate([np.arange(c), c + np.arange(c)])
+        work, rows = np.zeros((14, 2 * c)), np.concatenate([np.arange(c), c + np.arange(c)])
         matrix = law.matrix[np.append(np.full(c, STICK), status), rows]
         self.motion = Motion(
             moved, rates, u, force, model.shapes @ rates, anchor, np.zeros(c), status.astype(np.int64),
@@ -155,7 +155,7 @@ class SeveralRun(SteppedRun):
             c = len(motion.slip)
             rates = model.shapes @ v - np.repeat([0.0, drive], c)
             rates[c:] *= motion.status == STICK
-            closed = np.linalg.solve(model.K, motion.force) - 0.5 * step * rates + model.load_gap
+            closed = model.flexibility @ motion.force - 0.5 * step * rates + model.load_gap
             u = np.where(np.tile(motion.status, 2) == SEPARATION, u, closed)
         return q + self.shift - self._between(motion.force), v, np.asarray(u)
 

@@ -30,7 +30,9 @@ DOWN = 3
 # end, and that above which a step counts as unsolved.
 NEWTON, SWEEPS, SETTLED, UNSOLVED = 12, 400, 1e-12, 1e-7
 # Least pivot, and rows that are replaced before the inverse is made anew.
-LEAST_PIVOT, REPLACED = 1e-9, 4000
+LEAST_PIVOT, REPLACED = 1e-14, 4000
+# Most refinements of a solution, and the share of the largest force that is rounding.
+REFINED, ROUNDING = 4, 1e-13
 # Columns of the counters of a contact.
 STICK_TIME, SLIP_TIME, OPEN_TIME, SUM_N, MAX_N, SWITCHES, MAX_SLIP = range(7)
 COUNTERS = 7
@@ -240,7 +242,7 @@ def others(A: Any, f: Any, b: Any, i: int, t: int) -> Any:
 @inlined
 def newton(
     inverse: Any, matrix: Any, b: Any, eligible: Any, mu: Any, kinetic: Any, was: Any, status: Any, held: Any,
-    f: Any, right: Any, y: Any, work: Any, counts: Any,
+    f: Any, right: Any, y: Any, more: Any, work: Any, counts: Any,
 ) -> bool:  # fmt: skip
     """Solve a step by its statuses; False if they do not settle."""
     c = len(mu)
@@ -251,6 +253,21 @@ def newton(
             right[c + i] = b[c + i] if status[i] == STICK else 0.0
         multiply(inverse, right, f)
         multiply(matrix, f, y)
+        for _ in range(REFINED):
+            # Replaced rows leave rounding in the inverse, much of it where contacts hardly differ.
+            worst, size = 0.0, 0.0
+            for i in range(c):
+                t, m = c + i, kinetic[i] if status[i] == SLIP else -kinetic[i]
+                right[i] = b[i] - y[i] if status[i] != SEPARATION else -f[i]
+                right[t] = b[t] - y[t] if status[i] == STICK else -f[t]
+                right[t] += m * f[i] if status[i] >= SLIP else 0.0
+                worst, size = max(worst, abs(right[i]), abs(right[t])), max(size, abs(f[i]))
+            if worst <= ROUNDING * size:
+                break
+            multiply(inverse, right, more)
+            for k in range(2 * c):
+                f[k] += more[k]
+            multiply(matrix, f, y)
         moved = False
         for i in range(c):
             now, t = status[i], c + i
@@ -275,7 +292,6 @@ def newton(
                 done = follow(inverse, matrix, held, kinetic, i, status[i], work)
                 counts[1] += max(done, 0)
                 if done < 0:
-                    counts[2] += 1
                     return False
     return False
 
@@ -287,16 +303,17 @@ def renew(law: Any, motion: Any, counts: Any) -> None:
     for i in range(len(motion.inverse)):
         motion.inverse[i, i] = 1.0
     motion.held[:] = SEPARATION
-    update(law, motion)
-    counts[1] = 0
+    counts[1], counts[2] = 0, counts[2] + (not update(law, motion))
 
 
 @called
-def update(law: Any, motion: Any) -> None:
-    """Let the inverse be that of the present statuses."""
-    for i in range(len(law.mu)):
-        if motion.status[i] != motion.held[i]:
-            follow(motion.inverse, motion.matrix, motion.held, law.kinetic, i, motion.status[i], motion.work)
+def update(law: Any, motion: Any) -> bool:
+    """Let the inverse be that of the present statuses; False if a pivot is not positive."""
+    fine, inverse, matrix, held = True, motion.inverse, motion.matrix, motion.held
+    for i in range(len(held)):
+        if motion.status[i] != held[i]:
+            fine = follow(inverse, matrix, held, law.kinetic, i, motion.status[i], motion.work) > 0 and fine
+    return fine
 
 
 @called
@@ -320,7 +337,7 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
     scene, c, h = scenes[0], len(law.mu), law.step
     work, status, was, u, f, anchor = motion.work, motion.status, motion.was, motion.u, motion.force, motion.anchor
     g, r, b, mean, share = work[0], work[1], work[2], work[3], work[9]
-    impulse, base, eligible, right, y, last = work[10], work[11], work[12], work[4], work[7], work[8]
+    impulse, base, eligible, right, y, last, more = work[10], work[11], work[12], work[4], work[7], work[8], work[13]
     inverse, matrix, held, falls = motion.inverse, motion.matrix, motion.held, law.falls
     q, v, slip, after, push, counters = (
         motion.q, motion.v, motion.slip, motion.after, motion.push, motion.counters
@@ -369,7 +386,7 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
             for k in range(2 * c):
                 last[k] = f[k]
         if falls or not newton(
-            inverse, matrix, b, eligible, mu, kinetic, was, status, held, f, right, y, work, counts
+            inverse, matrix, b, eligible, mu, kinetic, was, status, held, f, right, y, more, work, counts
         ):
             relax(law, motion, b, eligible, last, counts)
         multiply(delassus, f, mean)
