@@ -1,0 +1,213 @@
+"""Stability of steady sliding with several contacts: exponents by a dense form, onsets by counting and following.
+
+Of the contacts that the load closes, c rows n and t, forces N' leave n q = 0, and T' = D N' + k t q', D the
+friction of each and k, N s/m, by how much it falls with the speed:
+
+    (p + c phi + phi^2) q = (n^T + t^T D) N' + phi t^T k t q,    n q = 0
+
+Inverted at a real shift this is a diagonal less a matrix of rank c (2 c with k), whose eigenvalues LAPACK finds.
+Without k and with Rayleigh damping the equation is one for the undamped eigenvalue lambda, as in `exponents`, and
+modes far above the band are compressed by block Lanczos from all rows (`contact.compression`).
+
+Onsets are where the number of growing exponents changes along mu. They are counted at CELLS + 1 values; where one
+more or fewer grows, that exponent is followed to the zero of its growth rate, where several do, the cell is halved;
+between cells the largest negative rate is followed to its maximum. What grows within less than a cell, without a
+maximum of that rate beside it, is overlooked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq, minimize_scalar
+
+from fivcore.beams.modes import EPS, one_blas_thread
+from fivcore.errors import InputError
+from fivcore.friction import Friction
+from fivcore.jit import Array, Complex
+from fivcore.stability.exponents import LARGEST_PHI, pair
+from fivcore.structure import Structure
+
+# Cells of mu, and the shortest to which one is halved, as a share of mu_max; growth that is rounding without damping,
+# as a share of |phi|; modes above FAR times the band's square become BLOCKS for each row.
+CELLS, SHORTEST_CELL, NEUTRAL, FAR, BLOCKS = 96, 1e-6, 1e-7, 40.0, 3
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingContacts:
+    """Modes of a structure and the contacts that slide, in units of omega, 2 pi fmax in rad/s.
+
+    Attributes
+    ----------
+    p, c : ndarray, (n,)
+    normal, tangential : ndarray, (c, n)
+        Of the contacts that are closed.
+    friction, force : ndarray, (c,)
+        Factors of mu, and normal forces for a unit load times them.
+    rayleigh : (float, float) or None
+        None with modal damping.
+    """
+
+    omega: float
+    p: Array
+    c: Array
+    normal: Array
+    tangential: Array
+    friction: Array
+    rayleigh: tuple[float, float] | None
+
+    def exponents(self, mu: float, k: Array | None = None) -> Complex:
+        """All phi of the band with Im >= 0, (any,); `k`, (c,), N s/m, by which friction falls."""
+        n, t = self.normal, self.tangential
+        push = n + (mu * self.friction)[:, None] * t
+        if self.rayleigh and k is None:
+            d = 1.0 / (self.p + 1.3)
+            held = np.linalg.solve((n * d) @ push.T, n * d)
+            inverse = np.diag(d) - d[:, None] * (push.T @ held)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                values = 1.0 / np.linalg.eigvals(inverse).astype(complex) - 1.3
+            # Constraints have none.
+            values = values[np.abs(values) < 1e3 * (1.0 + np.abs(values).min())]
+            d1, d2 = self.rayleigh
+            phi = pair(values, d1 + d2 * values).ravel()
+        else:
+            phi = self._damped(push, np.zeros(len(n)) if k is None else self.omega * k)
+        phi = phi[(phi.imag >= 0.0) & (phi.imag <= 1.0) & (np.abs(phi) <= LARGEST_PHI)]
+        if not self.c.any() and k is None:
+            phi.real[np.abs(phi.real) <= NEUTRAL * np.abs(phi)] = 0.0
+        return np.asarray(phi[np.lexsort((phi.real, phi.imag))])
+
+    def _damped(self, push: Array, k: Array) -> Complex:
+        n, t, c, m = self.normal, self.tangential, self.c, len(self.p)
+        shift = 1.3
+        d, rows = 1.0 / (self.p + shift * (c + shift)), len(n)
+        # The state is q and v = phi q; (q, v) for given x and y, as in `exponents.damped_inverse`.
+        force, x = -np.hstack([np.diag(c + shift), np.eye(m)]), np.eye(m, 2 * m)
+        soft, fall = d[:, None] * force, k[:, None] * t
+        matrix = np.block([
+            [(n * d) @ push.T, (n * d) @ t.T],
+            [-shift * (fall * d) @ push.T, np.eye(rows) - shift * (fall * d) @ t.T],
+        ])  # fmt: skip
+        forces = np.linalg.solve(matrix, np.vstack([-n @ soft, fall @ (shift * soft + x)]))
+        q = soft + d[:, None] * (push.T @ forces[:rows] + t.T @ forces[rows:])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(shift + 1.0 / np.linalg.eigvals(np.vstack([q, shift * q + x])).astype(complex))
+
+    def shape(self, phi: complex, mu: float, k: Array | None = None) -> Complex:
+        """Modal coordinates of an exponent, (n,): those of the forces that leave the normal gaps closed."""
+        n, t = self.normal, self.tangential
+        d = 1.0 / (self.p + phi * (self.c + phi))
+        fall = np.zeros(len(n)) if k is None else phi * self.omega * k
+        # T' = D N' + fall t q, eliminated.
+        inner = np.eye(len(n)) - fall[:, None] * ((t * d) @ t.T)
+        tangential = np.linalg.solve(inner, np.diag(mu * self.friction) + fall[:, None] * ((t * d) @ n.T))
+        push = n.T + t.T @ tangential
+        return np.asarray(d * (push @ np.linalg.svd((n * d) @ push)[2][-1].conj()))
+
+
+def sliding_contacts(own: Structure, fmax: float, F: float | None = None, whole: bool = False) -> SlidingContacts:
+    """The contacts of a structure that the load F, N, closes; `whole` keeps all modes as they are."""
+    if own.gap is None or own.friction is None:
+        raise InputError("structure: it has one contact")
+    if F is None and own.gap.any():
+        raise InputError("F is missing: with initial gaps it decides which contacts are closed; give F (N)")
+    closed = own.equilibrium(F or 1.0)[0] > 0.0
+    omega, m = 2.0 * np.pi * fmax, len(own.frequency)
+    rows = np.vstack([own.normal[closed], own.tangential[closed]]) / omega
+    rayleigh = None if own.rayleigh is None else (own.d1 / omega, own.d2 * omega)
+    p, c = own.stiffness / omega**2, own.damping / omega
+    if rayleigh:
+        c = rayleigh[0] + rayleigh[1] * p
+    far = p > FAR
+    if rayleigh and not whole and far.sum() > BLOCKS * len(rows):
+        p, rows = _compressed(p, rows, far)
+        c = rayleigh[0] + rayleigh[1] * p
+    normal, tangential = np.split(rows, 2)
+    del m
+    return SlidingContacts(omega, p, c, normal, tangential, own.friction[closed], rayleigh)
+
+
+@one_blas_thread()
+def _compressed(p: Array, rows: Array, far: Any) -> tuple[Array, Array]:
+    """Squared frequencies and rows with some modes for all that are `far`: BLOCKS for each row."""
+    s = 1.0 / p[far]
+    w = (rows[:, far] * np.sqrt(s)).T
+    basis = np.zeros((len(s), 0))
+    new = w
+    for _ in range(BLOCKS):
+        for _ in range(2):
+            new = new - basis @ (basis.T @ new)
+        u, size, _ = np.linalg.svd(new / np.maximum(np.linalg.norm(new, axis=0), 1e-300), full_matrices=False)
+        basis = np.hstack([basis, u[:, size > 1e-10]])
+        new = s[:, None] * u[:, size > 1e-10]
+    nodes, turn = np.linalg.eigh(basis.T @ (s[:, None] * basis))
+    nodes = np.maximum(nodes, 1e-15 * nodes[-1])
+    some = (w.T @ basis @ turn) / np.sqrt(nodes)
+    return np.append(p[~far], 1.0 / nodes), np.hstack([rows[:, ~far], some])
+
+
+def falls_by(own: Structure, contacts: SlidingContacts, friction: Friction, mu: float, V: float, F: float) -> Array:
+    """By how much the friction of each contact falls, k, (c,), N s/m, at the forces of steady sliding."""
+    raise NotImplementedError
+
+
+def crossings(at: Callable[[float], Complex], most: float) -> tuple[list[Any], list[Any], list[float], float]:
+    """Onsets and recoveries, (mu, frequency in units of the band) each, entries, and where divergence begins."""
+
+    @cache
+    def modes(mu: float) -> tuple[Array, Complex, int]:
+        """Growth rates of oscillating modes, the largest first, the modes, and the number of real growing ones."""
+        phi = at(mu)
+        moving = phi[phi.imag > 0.0]
+        moving = moving[np.argsort(-moving.real)]
+        return moving.real, moving, int(np.sum((phi.imag == 0.0) & (phi.real > 0.0)))
+
+    def rate(mu: float, place: int) -> float:
+        rates = modes(mu)[0]
+        # Neutral is not growing.
+        return float(rates[place]) if place < len(rates) and rates[place] != 0.0 else -1.0
+
+    def count(mu: float) -> int:
+        return int(np.sum(modes(mu)[0] > 0.0))
+
+    grid = np.linspace(0.0, most, CELLS + 1).tolist()
+    places = list(grid)
+    for low, middle, high in zip(grid, grid[1:], grid[2:], strict=False):
+        place = count(middle)
+        if count(low) == place == count(high) and rate(low, place) < rate(middle, place) > rate(high, place) > -1.0:
+            best = minimize_scalar(lambda mu: -rate(mu, place), bounds=(low, high), method="bounded")
+            if -best.fun > 0.0:
+                places.append(float(best.x))
+    cells, found = list(pairwise(sorted(places))), list[tuple[float, float, int]]()
+    onsets, recoveries, entries = list[Any](), list[Any](), list[float]()
+    while cells:
+        low, high = cells.pop()
+        change = count(high) - count(low)
+        if abs(change) > 1 and high - low > SHORTEST_CELL * most:
+            cells += [(low, 0.5 * (low + high)), (0.5 * (low + high), high)]
+            continue
+        for place in range(min(count(low), count(high)), max(count(low), count(high))):
+            mu = brentq(rate, low, high, (place,), xtol=1e-14 * most, rtol=4.0 * EPS)
+            step = 1e-13 * most
+            while (inside := float(np.clip(mu + np.sign(change) * step, low, high))) and rate(inside, place) <= 0.0:
+                step *= 4.0
+            growing = modes(inside)[1][place]
+            found.append((mu, float(growing.imag), change))
+            if growing.real > 1e-4 * abs(growing):
+                entries += [mu] if change > 0 else []
+            else:
+                (onsets if change > 0 else recoveries).append((mu, float(growing.imag)))
+    real = [mu for mu in grid if modes(mu)[2]]
+    divergence = np.nan
+    if real:
+        high, low = real[0], max([0.0, *[mu for mu in grid if mu < real[0]]])
+        for _ in range(60 if high > 0.0 else 0):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if modes(middle)[2] else (middle, high)
+        divergence = high
+    return sorted(onsets), sorted(recoveries), sorted(entries), divergence
