@@ -99,8 +99,8 @@ class Structure(ContactModel, ReadOnlyArrays):
     cutoff: float | None = None
     wider: Structure | None = None
     struck: Array | None = None
-    gap: Array | None = None
-    friction: Array | None = None
+    gap: Any = None
+    friction: Any = None
 
     @classmethod
     def of(cls, rig: Rig, theta: float) -> Structure:

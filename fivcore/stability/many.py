@@ -32,6 +32,7 @@ from fivcore.stability.onsets import (
     isolated_crossings,
 )
 from fivcore.stability.sampled import coulomb_crossings
+from fivcore.stability.several import onsets_of_several
 from fivcore.structure import Structure, modal_structure
 
 # Rigs searched together, on which no result depends.
@@ -140,6 +141,9 @@ def flutter_onsets(
     angle = checked_theta("rig", rig, theta)
     speed, load = checked_sliding(friction, V, F)
     band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
+    if rig.contacts > 1:
+        several = onsets_of_several(modal_structure(rig, 0.0), band, most, friction, speed, load)
+        return FlutterOnsets(*several)
     if isinstance(rig, Rig) and friction.kinetic_ratio == 1.0:
         found, divergence = crossings(rig_table({"theta": angle}, rig), band, most, rig)
     else:

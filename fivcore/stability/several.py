@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -47,8 +47,8 @@ class SlidingContacts:
     p, c : ndarray, (n,)
     normal, tangential : ndarray, (c, n)
         Of the contacts that are closed.
-    friction, force : ndarray, (c,)
-        Factors of mu, and normal forces for a unit load times them.
+    friction : ndarray, (c,)
+        Factors of mu.
     rayleigh : (float, float) or None
         None with modal damping.
     """
@@ -117,7 +117,7 @@ def sliding_contacts(own: Structure, fmax: float, F: float | None = None, whole:
     if F is None and own.gap.any():
         raise InputError("F is missing: with initial gaps it decides which contacts are closed; give F (N)")
     closed = own.equilibrium(F or 1.0)[0] > 0.0
-    omega, m = 2.0 * np.pi * fmax, len(own.frequency)
+    omega = 2.0 * np.pi * fmax
     rows = np.vstack([own.normal[closed], own.tangential[closed]]) / omega
     rayleigh = None if own.rayleigh is None else (own.d1 / omega, own.d2 * omega)
     p, c = own.stiffness / omega**2, own.damping / omega
@@ -128,7 +128,6 @@ def sliding_contacts(own: Structure, fmax: float, F: float | None = None, whole:
         p, rows = _compressed(p, rows, far)
         c = rayleigh[0] + rayleigh[1] * p
     normal, tangential = np.split(rows, 2)
-    del m
     return SlidingContacts(omega, p, c, normal, tangential, own.friction[closed], rayleigh)
 
 
@@ -151,13 +150,69 @@ def _compressed(p: Array, rows: Array, far: Any) -> tuple[Array, Array]:
     return np.append(p[~far], 1.0 / nodes), np.hstack([rows[:, ~far], some])
 
 
-def falls_by(own: Structure, contacts: SlidingContacts, friction: Friction, mu: float, V: float, F: float) -> Array:
-    """By how much the friction of each contact falls, k, (c,), N s/m, at the forces of steady sliding."""
-    raise NotImplementedError
+def steady_forces(own: Structure, mu: float, F: float) -> Array:
+    """Normal forces of steady sliding of the contacts that F, N, closes at rest, (c,), N, with T = mu N times factors.
+
+    Raises
+    ------
+    ValueError
+        Where one of them would pull.
+    """
+    closed = own.equilibrium(F)[0] > 0.0
+    n, t, load, rigid = own.normal[closed], own.tangential[closed], F * own.load, own.stiffness == 0.0
+    push, soft = n + (mu * own.friction[closed])[:, None] * t, 1.0 / np.where(rigid, np.inf, own.stiffness)
+    c, r = len(n), int(rigid.sum())
+    unit = np.abs((n * soft) @ push.T).max() or 1.0
+    system = np.block([[(n * soft) @ push.T / unit, n[:, rigid]], [push[:, rigid].T, np.zeros((r, r))]])
+    right = np.append(-(own.gap[closed] + n @ (soft * load)) / unit, -load[rigid])
+    forces = np.linalg.lstsq(system, right, rcond=1e-13)[0][:c]
+    if (least := int(forces.argmin())) >= 0 and not forces[least] > 0.0:
+        place = int(np.flatnonzero(closed)[least])
+        raise InputError(f"mu = {mu:g}: contact {place}, from 0, is closed at rest and opens or jams as it slides")
+    return np.asarray(forces)
 
 
-def crossings(at: Callable[[float], Complex], most: float) -> tuple[list[Any], list[Any], list[float], float]:
-    """Onsets and recoveries, (mu, frequency in units of the band) each, entries, and where divergence begins."""
+def sliding_points(
+    own: Structure, friction: Friction, mu: float, V: float, F: float
+) -> tuple[float, Array | None]:
+    """Friction mu(V), and by how much that of each contact falls, k, (c,), N s/m; None where it does not."""
+    m = mu * friction.ratio(V) if not friction.constant else mu * friction.kinetic_ratio
+    if friction.constant:
+        return m, None
+    factors = own.friction[own.equilibrium(F)[0] > 0.0]
+    return m, -mu * friction.slope(V) * factors * steady_forces(own, m, F)
+
+
+def exponents_at(own: Structure, fmax: float, friction: Friction, whole: bool = False) -> Callable[..., Complex]:
+    """The exponents, in units of 2 pi fmax, as a function of mu, V, m/s, and F, N."""
+
+    @lru_cache(maxsize=8)
+    def contacts(F: float | None) -> SlidingContacts:
+        return sliding_contacts(own, fmax, F, whole)
+
+    def at(mu: float, V: float | None, F: float | None) -> Complex:
+        return contacts(F if own.gap.any() else None).exponents(
+            *sliding_points(own, friction, mu, V or 0.0, F or 1.0)
+        )
+
+    return at
+
+
+def shape_of_several(
+    own: Any, fmax: float, phi: complex, friction: Friction, mu: float, V: float | None, F: float | None
+) -> Complex:
+    """Modal coordinates of an exponent, 1/s, of a structure with several contacts, (n,)."""
+    contacts = sliding_contacts(own, fmax, F, whole=True)
+    return contacts.shape(phi / contacts.omega, *sliding_points(own, friction, mu, V or 0.0, F or 1.0))
+
+
+def crossings(
+    at: Callable[[float], Complex], least: float, most: float
+) -> tuple[list[Any], list[Any], list[float], float]:
+    """Onsets and recoveries, (mu, frequency in units of the band) each, entries, and where divergence begins.
+
+    mu, from `least` to `most`, may be any parameter of the exponents.
+    """
 
     @cache
     def modes(mu: float) -> tuple[Array, Complex, int]:
@@ -175,15 +230,18 @@ def crossings(at: Callable[[float], Complex], most: float) -> tuple[list[Any], l
     def count(mu: float) -> int:
         return int(np.sum(modes(mu)[0] > 0.0))
 
-    grid = np.linspace(0.0, most, CELLS + 1).tolist()
+    grid = np.linspace(least, most, CELLS + 1).tolist()
     places = list(grid)
     for low, middle, high in zip(grid, grid[1:], grid[2:], strict=False):
         place = count(middle)
-        if count(low) == place == count(high) and rate(low, place) < rate(middle, place) > rate(high, place) > -1.0:
+        if (
+            count(low) == place == count(high)
+            and rate(low, place) < rate(middle, place) > rate(high, place) > -1.0
+        ):
             best = minimize_scalar(lambda mu: -rate(mu, place), bounds=(low, high), method="bounded")
             if -best.fun > 0.0:
                 places.append(float(best.x))
-    cells, found = list(pairwise(sorted(places))), list[tuple[float, float, int]]()
+    cells = list(pairwise(sorted(places)))
     onsets, recoveries, entries = list[Any](), list[Any](), list[float]()
     while cells:
         low, high = cells.pop()
@@ -194,10 +252,11 @@ def crossings(at: Callable[[float], Complex], most: float) -> tuple[list[Any], l
         for place in range(min(count(low), count(high)), max(count(low), count(high))):
             mu = brentq(rate, low, high, (place,), xtol=1e-14 * most, rtol=4.0 * EPS)
             step = 1e-13 * most
-            while (inside := float(np.clip(mu + np.sign(change) * step, low, high))) and rate(inside, place) <= 0.0:
+            while (inside := float(np.clip(mu + np.sign(change) * step, low, high))) and rate(
+                inside, place
+            ) <= 0.0:
                 step *= 4.0
             growing = modes(inside)[1][place]
-            found.append((mu, float(growing.imag), change))
             if growing.real > 1e-4 * abs(growing):
                 entries += [mu] if change > 0 else []
             else:
@@ -205,9 +264,19 @@ def crossings(at: Callable[[float], Complex], most: float) -> tuple[list[Any], l
     real = [mu for mu in grid if modes(mu)[2]]
     divergence = np.nan
     if real:
-        high, low = real[0], max([0.0, *[mu for mu in grid if mu < real[0]]])
-        for _ in range(60 if high > 0.0 else 0):
+        high, low = real[0], max([least, *[mu for mu in grid if mu < real[0]]])
+        for _ in range(60):
             middle = 0.5 * (low + high)
             low, high = (low, middle) if modes(middle)[2] else (middle, high)
         divergence = high
     return sorted(onsets), sorted(recoveries), sorted(entries), divergence
+
+
+def onsets_of_several(
+    own: Structure, fmax: float, mu_max: float, friction: Friction, V: Any, F: Any
+) -> tuple[Array, Array, Array, Array, Array, float]:
+    """Onsets, recoveries, each mu and frequency, Hz, entries and divergence of a structure with several contacts."""
+    at, given = exponents_at(own, fmax, friction), [None if each is None else float(each) for each in (V, F)]
+    onsets, recoveries, entries, divergence = crossings(lambda mu: at(mu, *given), 0.0, mu_max)
+    tables = [np.array(each).reshape(-1, 2) * [1.0, fmax] for each in (onsets, recoveries)]
+    return *(column.copy() for table in tables for column in table.T), np.array(entries), divergence

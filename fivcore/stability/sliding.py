@@ -23,7 +23,8 @@ from fivcore.jit import Array, Complex, ReadOnlyArrays
 from fivcore.rig import ContactModel, Rig, checked_theta
 from fivcore.stability.exponents import band_modes, exponents, pair, sliding_shape
 from fivcore.stability.falling import checked_sliding, sliding_point
-from fivcore.structure import modal_structure
+from fivcore.stability.several import exponents_at, shape_of_several
+from fivcore.structure import Structure, modal_structure
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +83,11 @@ class SlidingModes(ReadOnlyArrays):
             theta = float(self.theta[index[:-1]])
             phi = complex(self.growth_rate[index], 2.0 * np.pi * self.frequency[index])
             falling, alone = not self.friction.constant, bool(self.uncoupled[index])
-            q = sliding_shape(modal_structure(rig, theta), phi, alone, falling)
+            if rig.contacts > 1:
+                V, F = (None if each is None else float(each[index[:-1]]) for each in (self.V, self.F))
+                q = shape_of_several(rig, self.fmax, phi, self.friction, float(self.mu[index[:-1]]), V, F)
+            else:
+                q = sliding_shape(modal_structure(rig, theta), phi, alone, falling)
             shape = parts = q[:modes]
             if isinstance(rig, Rig):
                 upper, lower = rig_bases(rig, theta)
@@ -147,6 +152,8 @@ def sliding_modes(
         names += f", {name}"
     angles, frictions = (np.broadcast_to(each, shape).copy() for each in (angles, frictions))
     V, F = (None if each is None else np.broadcast_to(each, shape).copy() for each in (V, F))
+    if rig.contacts > 1:
+        return _of_several(modal_structure(rig, 0.0), band, angles, frictions, friction, V, F)
     m, k = frictions.ravel() * friction.kinetic_ratio, np.zeros(frictions.size)
     groups = {angle: np.flatnonzero(angles.ravel() == angle) for angle in np.unique(angles).tolist()}
     solved = []
@@ -180,6 +187,23 @@ def sliding_modes(
     return SlidingModes(
         phi.imag / (2.0 * np.pi), phi.real.copy(), values, uncoupled, angles, frictions, band, rig, friction, V, F
     )
+
+
+def _of_several(
+    own: Structure, band: float, theta: Array, mu: Array, friction: Friction, V: Array | None, F: Array | None
+) -> SlidingModes:
+    """`sliding_modes` of a structure with several contacts."""
+    at = exponents_at(own, band, friction)
+    each = [[None] * mu.size if values is None else values.ravel().tolist() for values in (V, F)]
+    found = [at(*point) for point in zip(mu.ravel().tolist(), *each, strict=True)]
+    phi = np.full((mu.size, max(map(len, found), default=0)), complex(np.nan, np.nan))
+    for row, values in zip(phi, found, strict=True):
+        row[: len(values)] = 2.0 * np.pi * band * values
+    phi = phi.reshape(*mu.shape, -1)
+    rates = phi.imag / (2.0 * np.pi), phi.real.copy()
+    return SlidingModes(
+        *rates, -(phi**2), np.zeros(phi.shape, dtype=bool), theta, mu, band, own, friction, V, F
+    )  # fmt: skip
 
 
 def node_positions(rig: Rig, theta: float) -> Array:

@@ -8,10 +8,10 @@ and Q = S + a M, the law of a contact is
     stick    (Q f)_T = u_T - a v_T, u_T from the anchor where it stuck before        a by the status before
     slip     T = s m N while s ((Q f)_T - (u_T - a v_T)) <= 0, s the sign of T
 
-Newton's method on the statuses (Alart and Curnier, Comput. Methods Appl. Mech. Eng. 92, 1991, 353-375) solves it: the
-inverse of the matrix whose rows a status selects is kept, and a status that changes replaces a row of it
-(Sherman and Morrison). Friction makes it cycle at times: then projected Gauss-Seidel, contact by contact, finds the
-status. All pivots are positive where the forces are unique.
+Newton's method on the statuses (Alart and Curnier, Comput. Methods Appl. Mech. Eng. 92, 1991, 353-375) solves it:
+the inverse of the matrix whose rows a status selects is kept, and a status that changes replaces a row of it
+(Sherman and Morrison). Friction makes it cycle at times: then projected Gauss-Seidel, contact by contact, finds
+the status. All pivots are positive where the forces are unique.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, enter
 
 # Statuses: those of a record, and slip with T < 0.
 DOWN = 3
-# Most steps of Newton's method; most sweeps of Gauss-Seidel, the change in units of the largest force at which they
-# end, and that above which a step counts as unsolved.
+# Most steps of Newton's method; most sweeps of Gauss-Seidel, the change in units of the largest force at which
+# they end, and that above which a step counts as unsolved.
 NEWTON, SWEEPS, SETTLED, UNSOLVED = 12, 400, 1e-12, 1e-7
 # Least pivot, and rows that are replaced before the inverse is made anew.
 LEAST_PIVOT, REPLACED = 1e-14, 4000
@@ -46,7 +46,7 @@ class Law(NamedTuple):
     flow: Array
     output: Array
     damping: Array
-    # Flexibility and mean rates, (2c, 2c); Q by the status before, (3, 2c, 2c), in units of `unit`, and its a, (3,).
+    # Flexibility and mean rates, (2c, 2c); Q by the status before, (3, 2c, 2c), in units of `unit`; its a, (3,).
     flexibility: Array
     delassus: Array
     matrix: Array
@@ -337,7 +337,15 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
     scene, c, h = scenes[0], len(law.mu), law.step
     work, status, was, u, f, anchor = motion.work, motion.status, motion.was, motion.u, motion.force, motion.anchor
     g, r, b, mean, share = work[0], work[1], work[2], work[3], work[9]
-    impulse, base, eligible, right, y, last, more = work[10], work[11], work[12], work[4], work[7], work[8], work[13]
+    impulse, base, eligible, right, y, last, more = (
+        work[10],
+        work[11],
+        work[12],
+        work[4],
+        work[7],
+        work[8],
+        work[13],
+    )
     inverse, matrix, held, falls = motion.inverse, motion.matrix, motion.held, law.falls
     q, v, slip, after, push, counters = (
         motion.q, motion.v, motion.slip, motion.after, motion.push, motion.counters

@@ -1,0 +1,156 @@
+"""Several contacts: statics, stability and motion against other ways to the same."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+from fivcore import (
+    Friction,
+    InputError,
+    Scene,
+    Structure,
+    assembled_modes,
+    flutter_onsets,
+    simulate,
+    sliding_modes,
+)
+from fivcore.contact.statics import resting
+from tests.helpers.several import drawn, paper_rig, repeated
+
+
+def by_enumeration(p, normal, load, gap):
+    """Forces of the contacts that may be closed together, of all sets of them."""
+    c, n, found = len(normal), len(p), []
+    for size in range(c + 1):
+        for closed in map(list, itertools.combinations(range(c), size)):
+            system = np.block([
+                [np.diag(p), -normal[closed].T],
+                [normal[closed], np.zeros((size, size))],
+            ])  # fmt: skip
+            scale = np.append(1.0 / np.sqrt(np.maximum(p, 1e2)), np.full(size, np.sqrt(np.maximum(p, 1e2)).mean()))
+            system = scale[:, None] * system * scale
+            if np.linalg.cond(system) > 1e12:
+                continue
+            q, force = np.split(scale * np.linalg.solve(system, scale * np.append(load, -gap[closed])), [n])
+            opened = [i for i in range(c) if i not in closed]
+            if np.all(force >= -1e-12 * np.abs(force).max(initial=0.0)) and np.all(
+                (gap + normal @ q)[opened] > -1e-13
+            ):
+                found.append(np.zeros(c))
+                found[-1][closed] = force
+    return found
+
+
+def test_statics_against_all_sets_of_closed_contacts():
+    rng, refused = np.random.default_rng(0), 0
+    for _ in range(300):
+        c, n = int(rng.integers(1, 6)), int(rng.integers(5, 12))
+        p, gap = 10.0 ** rng.uniform(2.0, 9.0, n), np.abs(rng.normal(size=c)) * 1e-6 * rng.choice([0.0, 1.0], c)
+        p[: rng.integers(0, min(3, c) + 1)] = 0.0
+        normal, load = rng.normal(size=(c, n)), rng.normal(size=n)
+        known = by_enumeration(p, normal, load, gap)
+        if not known:
+            refused += 1
+            with pytest.raises(InputError, match="load"):
+                resting(p, normal, load, gap)
+            continue
+        forces, gaps = resting(p, normal, load, gap)
+        assert forces == pytest.approx(known[0], abs=1e-7 * max(known[0].max(), 1e-12))
+        assert forces.min() >= 0.0
+        assert gaps.min() >= -1e-15
+    assert 20 < refused < 150
+
+
+def eliminated(own, mu, fmax):
+    """Exponents by bases of the motions that leave the gaps closed, and of those in which the forces do no work."""
+    push = own.normal + mu * own.friction[:, None] * own.tangential
+    right, left = linalg.null_space(own.normal), linalg.null_space(push)
+    M, C, K = (
+        left.T @ (each[:, None] * right) for each in (np.ones(len(own.damping)), own.damping, own.stiffness)
+    )
+    n = len(M)
+    whole = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    phi, omega = np.linalg.eigvals(whole), 2.0 * np.pi * fmax
+    return phi[(phi.imag >= 0.0) & (phi.imag <= omega) & (np.abs(phi) <= 2.0 * omega)]
+
+
+def apart(one, other):
+    """Largest relative distance of an entry of one set from the nearest of the other."""
+    return max(np.abs(b - each).min() / abs(each) for a, b in ((one, other), (other, one)) for each in a)
+
+
+def exponents(own, mu, fmax, **given):
+    found = sliding_modes(own, 0.0, mu, fmax, **given)
+    return found.growth_rate + 2j * np.pi * found.frequency
+
+
+def test_exponents_of_fifty_structures_against_dense_elimination():
+    for seed in range(50):
+        own = drawn(seed)
+        for mu in (0.2, 0.7):
+            mine, theirs = exponents(own, mu, 2e3), eliminated(own, mu, 2e3)
+            assert len(mine) == len(theirs)
+            assert len(mine) == 0 or apart(mine, theirs) < 1e-8
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_exponents_against_stiff_springs_in_the_contacts(seed):
+    own, mu = drawn(seed), 0.4
+    n = len(own.stiffness)
+    stiff = 1e7 * own.stiffness.max() / np.square(own.normal).sum(axis=1).mean()
+    springs = stiff * own.normal.T @ own.normal
+    friction = stiff * own.tangential.T @ (own.friction[:, None] * own.normal)
+    K = np.diag(own.stiffness) + springs
+    found = assembled_modes(np.eye(n), np.diag(own.damping), K, friction_stiffness=friction, mu=mu, fmax=2e3)
+    theirs = (found.growth_rate + 2j * np.pi * found.frequency).ravel()
+    mine = exponents(own, mu, 2e3)
+    inside = np.abs(mine.real) < 0.4 * 2.0 * np.pi * 2e3
+    assert inside.any()
+    assert all(np.abs(theirs - each).min() < 1e-6 * abs(each) for each in mine[inside])
+
+
+@pytest.mark.parametrize("friction", [Friction(), Friction(0.6, 0.01), Friction(0.6, 0.01, "rational")])
+def test_one_contact_among_several_has_its_exponents_and_onsets(friction):
+    own = paper_rig()
+    again, point = repeated(own, 1), {"friction": friction, "V": 2e-3, "F": 9.0}
+    object.__setattr__(again, "gap", np.zeros(1))
+    from fivcore.stability.several import exponents_at, onsets_of_several
+
+    mine = exponents_at(again, 10e3, friction)(0.2, 2e-3, 9.0) * 2e4 * np.pi
+    theirs = exponents(own, 0.2, 10e3, **point)
+    theirs = theirs[np.isfinite(theirs)]
+    assert apart(mine[mine.imag > 0.0], theirs[theirs.imag > 0.0]) < 1e-8
+    one, (mu, frequency, *_) = (
+        flutter_onsets(own, 0.0, **point),
+        onsets_of_several(again, 10e3, 1.0, friction, 2e-3, 9.0),
+    )
+    if friction.constant:
+        assert mu == pytest.approx(one.mu, rel=1e-8)
+        assert frequency == pytest.approx(one.frequency, rel=1e-7)
+        assert onsets_of_several(again, 10e3, 1.0, friction, None, None)[5] == pytest.approx(
+            one.divergence_mu, rel=1e-6
+        )
+
+
+def test_shapes_solve_the_equations():
+    own, mu = drawn(3), 0.5
+    found = sliding_modes(own, 0.0, mu, 2e3)
+    for phi, q in zip(exponents(own, mu, 2e3), found.shape, strict=True):
+        force = (own.stiffness + phi * (own.damping + phi)) * q
+        push = own.normal + mu * own.friction[:, None] * own.tangential
+        rest = force - push.T @ np.linalg.lstsq(push.T, force)[0]
+        assert np.abs(own.normal @ q).max() < 1e-8 * np.abs(own.normal).max()
+        assert np.abs(rest).max() < 1e-7 * np.abs(force).max()
+
+
+def test_two_contacts_in_one_place_are_one():
+    own = paper_rig()
+    given = {"cutoff": 94e3, "record": True, "sample_rate": None}
+    one, two = (simulate(Scene(0.02, 0.0, 0.1, 9.0, each), 0.01, **given) for each in (own, repeated(own)))
+    assert one.summary["first_slip_time"] == two.summary["first_slip_time"]
+    for name in ("velocity_B", "normal_force", "tangential_force"):
+        known = getattr(one, name)
+        assert getattr(two, name) == pytest.approx(known, abs=1e-9 * np.abs(known).max())
+    assert np.array_equal(one.state, two.state)
