@@ -116,6 +116,12 @@ class ContactModel:
         return self
 
 
+def one_contact(rig: ContactModel, what: str) -> None:
+    """Raise for a structure with several contacts; `what` needs one, and why."""
+    if rig.contacts > 1:
+        raise InputError(f"structure: it touches in {rig.contacts} places; {what}")
+
+
 def checked_theta(name: str, rig: Any, theta: Any) -> float:
     """Check a rig with its inclination, degrees, or a structure with theta = 0; return theta."""
     if not isinstance(rig, ContactModel):

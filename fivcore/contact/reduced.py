@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from fivcore.beams.modes import one_blas_thread, residual_flexibility
 from fivcore.contact.impulse import at_impulses
 from fivcore.contact.law import DiscreteContact, ratio, resistance
+from fivcore.contact.several import unique_up_to, with_local
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import ContactModel, Rig
@@ -51,8 +52,6 @@ LEAST_CUTOFF, CUTOFF_SHARE = 115e3, 0.8
 # kind of motion is below 0.01 at cut-offs from 3.1 to 6.2 c / (4 L); 0.06 balances energy better and shifts stick
 # by 0.003. At 75 kHz two and a half times as much raises stick by 0.02 to 0.03; a quarter lets contact ring.
 CONTACT_DAMPING = 0.06
-# Compliance of each of several contacts by itself, in units of the mean.
-LOCAL = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +157,8 @@ class ReducedModel(ReadOnlyArrays):
 
     def painleve_mu(self, step: float | None) -> float:
         """Mu above which the contact force is not unique, in steps of `fast` or, without a step, by the law."""
+        if self.forces is not None:
+            return unique_up_to(self, step or self.default_step)
         if step is not None:
             return self.discrete(step).painleve_mu
         return ratio(*(self.K[1, ::-1] if self.K.any() else self.W[0]))
@@ -275,7 +276,7 @@ def reduced_model(rig: ContactModel, theta: float, cutoff: float | None = None) 
     flexibility = residual_flexibility(*lost)
     if full.forces is not None and flexibility.any():
         # A little compliance of each contact's own, so that contacts in one place share a force alike.
-        flexibility += LOCAL * np.trace(flexibility) / len(flexibility) * np.eye(len(flexibility))
+        flexibility = with_local(flexibility)
         gaps, K = (lost[1] / lost[0]) @ full.load[~kept], np.asarray(np.linalg.inv(flexibility))
         modal: dict[str, Any] = {name: getattr(full, name)[..., kept] for name in MODAL}
         model = replace(full, **modal, kept=kept, K=K, load_gap=gaps, flexibility=flexibility)

@@ -8,6 +8,7 @@ import numpy as np
 
 from fivcore import checks
 from fivcore.beams.modes import contact_modes, rig_bases
+from fivcore.damping import tied_modes
 from fivcore.errors import InputError
 from fivcore.jit import Array, kernel
 from fivcore.rig import ContactModel, Rig, checked_theta
@@ -40,6 +41,9 @@ def glued_frequencies(rig: ContactModel, theta: float, count: int = 8) -> Array:
         For an argument out of range.
     """
     own = modal_structure(rig, checked_theta("rig", rig, theta))
+    if own.contacts > 1:
+        found = tied_modes(own.stiffness, np.vstack([own.normal, own.tangential]), own.static)[0]
+        return np.asarray(np.sqrt(found[: checks.count("count", count, len(found))]) / (2.0 * np.pi))
     stiffness, normal, tangential = own.stiffness, own.normal, own.tangential
     modes = len(own.frequency) - 2
     if modes < 1:

@@ -55,6 +55,9 @@ class Transient:
         Velocity along x of P1's surface relative to P2's, m/s.
     state : ndarray of int8, (n,)
         0 separation, 1 stick, 2 slip.
+    contact_normal_force, contact_tangential_force, contact_slip_velocity, contact_state : ndarray, (n, c)
+        Likewise, of each of several contacts; the former are then sums, the slip velocity that of the contact that
+        slips fastest, and the state that of all that the load closes: separation if one is open, stick if all stick.
     final_state : State
         State at the end, which `fivcore.simulate` takes as `initial`; for V < 0 that of the mirrored scene.
     """
@@ -67,6 +70,10 @@ class Transient:
     tangential_force: Array = field(default_factory=lambda: np.zeros(0))
     slip_velocity: Array = field(default_factory=lambda: np.zeros(0))
     state: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
+    contact_normal_force: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    contact_tangential_force: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    contact_slip_velocity: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    contact_state: NDArray[np.int8] = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int8))
     final_state: State | None = None
 
     @property

@@ -16,7 +16,7 @@ from fivcore import checks
 from fivcore.contact.reduced import reduced_model
 from fivcore.errors import InputError, SceneError
 from fivcore.jit import Array
-from fivcore.rig import Scene
+from fivcore.rig import Scene, one_contact
 from fivcore.transient.driver import ObservedRun, located
 from fivcore.transient.fast import layout
 from fivcore.transient.fast.run import SHORT_SEGMENT, FastRun, aligned
@@ -72,6 +72,7 @@ def lyapunov_exponent(
     given = options_of(options, keywords)
     if given.method != "fast":
         raise InputError(f"method = {given.method!r}: a Lyapunov exponent is that of a motion by 'fast'")
+    one_contact(scene.rig, "the deviation of a Lyapunov exponent follows one contact's law")
     given = replace(given, skip_sticks=False, end_early=False, record=False, sample_times=None)
     checks.between("duration", duration, *DURATION)
     try:

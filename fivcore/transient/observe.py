@@ -44,7 +44,7 @@ from scipy.special import ndtr, stdtrit
 from fivcore.errors import ThinnedWarning
 from fivcore.jit import Array
 from fivcore.transient.normalised import Normalised
-from fivcore.transient.statistics import SAMPLE, SERIES, SETTLING
+from fivcore.transient.statistics import CONTACT_SERIES, SAMPLE, SERIES, SETTLING
 
 # Largest number of samples that are kept.
 MOST_SAMPLES = 2**24
@@ -75,16 +75,25 @@ _hann = lru_cache(WINDOW)(np.hanning)
 class Record:
     """Named series of a run in its scene's units: at the rows, or linear between them at `times` (n,).
 
-    The rows may follow the `last` (1, 6) of a run that they continue.
+    The rows may follow the `last` (1, 6) of a run that they continue. With several contacts they are wider, and
+    what is theirs is recorded of each as well, (n, c), by the name with "contact_" before it.
     """
 
     def __init__(
         self, normalised: Normalised, names: Sequence[str], times: Array | None = None, last: Array | None = None
     ) -> None:
+        self._contacts = c = 0 if normalised.rig.contacts == 1 else normalised.rig.contacts
+        own = [f"contact_{name}" for name in CONTACT_SERIES if name in names and c]
+        self._columns: dict[str, Any] = {name: SERIES[name] for name in names}
+        for name in own:
+            first = 1 + len(SERIES) + CONTACT_SERIES.index(name.removeprefix("contact_")) * c
+            self._columns[name] = slice(first, first + c)
         factors = {"normal_force": normalised.load, "state": 1.0}
-        self._factors = {name: factors.get(name, normalised.load * normalised.sense) for name in names}
-        self._parts: dict[str, list[NDArray[Any]]] = {name: [] for name in ("time", *names)}
-        self._times, self.last = times, np.empty((0, 1 + len(SERIES))) if last is None else last
+        scale = normalised.load * normalised.sense
+        self._factors = {name: factors.get(name.removeprefix("contact_"), scale) for name in self._columns}
+        self._parts: dict[str, list[NDArray[Any]]] = {name: [] for name in ("time", *self._columns)}
+        width = 1 + len(SERIES) + len(CONTACT_SERIES) * c
+        self._times, self.last = times, np.empty((0, width)) if last is None else last
 
     def add(self, rows: Array) -> None:
         """Take the next rows of `Segment.rows`."""
@@ -100,12 +109,15 @@ class Record:
         reached = rows[:, 0]
         self._parts["time"].append(reached.copy() if t is None else t)
         for name, factor in self._factors.items():
-            values = factor * rows[:, SERIES[name]]
-            if t is not None and name == "state":
+            values, is_state = factor * rows[:, self._columns[name]], name.endswith("state")
+            if t is not None and is_state:
                 values = values[np.maximum(np.searchsorted(reached, t, side="right") - 1, 0)]
             elif t is not None:
-                values = np.interp(t, reached, values)
-            self._parts[name].append(values.astype(np.int8) if name == "state" else values)
+                columns = np.atleast_2d(values.T)
+                values = np.array([np.interp(t, reached, each) for each in columns]).T.reshape(
+                    -1, *values.shape[1:]
+                )
+            self._parts[name].append(values.astype(np.int8) if is_state else values)
 
     def whole(self, end: float) -> dict[str, Any]:
         """Each series before `end`, s, in one piece; nothing where nothing was recorded."""

@@ -23,7 +23,7 @@ from fivcore.errors import (
     out_of_band,
 )
 from fivcore.jit import Array
-from fivcore.rig import ContactModel, Rig, Scene, checked_theta
+from fivcore.rig import ContactModel, Rig, Scene, checked_theta, one_contact
 from fivcore.structure import GROWTH_REACH, Structure
 from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
@@ -177,6 +177,7 @@ def growing_frequencies(
     ValueError, ContactError
         For a bad argument; where the contact force is not unique.
     """
+    one_contact(scene.rig, "what grows there is found from one contact's steps; use sliding_modes")
     _, scaled, options = request(scene, 1.0, Options(cutoff=cutoff, numerical_damping=numerical_damping))
     model = reduced_model(scaled.rig, scaled.theta, options.cutoff)
     return sliding_growth(scaled, model, model.default_step)
@@ -215,6 +216,8 @@ def painleve_mu(
     theta = checked_theta("rig", rig, theta)
     given = options_of(options, keywords if method is None else keywords | {"method": method})
     method, step, law = given.method, given.step, given.law
+    if method != "fast":
+        one_contact(rig, f"method {method!r} moves one contact")
     rig = published.with_numerical_damping(rig, method, law["numerical_damping"])
     if method == "paper":
         step, beta2 = step or published.paper_step(rig), law["beta2"] or published.BETA2

@@ -35,6 +35,8 @@ SAMPLED_COUNTERS = ("stick_time", "separation_time", "sum_N", "switches")
 SAMPLE = 3 + len(SAMPLED_COUNTERS)
 # Series and their columns in the rows, whose first column is the time.
 SERIES = {"velocity_B": 1, "normal_force": 2, "tangential_force": 3, "slip_velocity": 4, "state": 5}
+# Of these each of several contacts has its own in further columns: those of all contacts for the first, and so on.
+CONTACT_SERIES = ("normal_force", "tangential_force", "slip_velocity", "state")
 
 
 @dataclass

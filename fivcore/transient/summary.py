@@ -50,6 +50,10 @@ def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
       the shares of time by the default cut-off; 0 where the contact sticks or slides steadily, NaN for another.
       Of a structure from modes NaN, too, and `cutoff_origin` is "highest mode": what others would do is unknown.
     - `simulated_time`: s; `settled_early`: whether its rest was filled in as proved steady sliding.
+    - With several contacts the shares are those of all that the load closes: stick if all stick, separation if one
+      is open. N is the sum of their forces, the slip speed that of the fastest. `contact_X`, (c,), is X of each:
+      the three shares, `mean_normal_force`, `max_normal_force`, `max_slip_speed` and `switches_per_second`; its
+      transitions are those of `unsolved_steps` of the run, whose contact problem has not converged, too.
     - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`observe.standard_errors`). In
       "stuck" and "steady sliding" 0 for shares, which are constant, and NaN for all else, for a decay has no
       long-run value. NaN where statistics last for less than 16 times the time in which the drive loads a stuck
@@ -144,6 +148,7 @@ def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
         "settled_early": observer.repeated > 0,
         "time_scale": float(unit),
     }
+    figures |= getattr(run, "by_contact", dict)()
     if origin == "highest mode":
         figures["cutoff_origin"] = origin
     scaled = ("velocity_rms", "mean_normal_force", "normal_force_999", "slip_speed_999")

@@ -14,12 +14,24 @@ import numpy as np
 
 from fivcore.beams.modes import one_blas_thread, propagator
 from fivcore.contact.impulse import between_impulses
-from fivcore.contact.reduced import LOCAL, ReducedModel, modified, reduced_model
+from fivcore.contact.reduced import ReducedModel, modified, reduced_model
+from fivcore.contact.several import step_matrices
 from fivcore.contact.step_map import at_most
-from fivcore.errors import ContactError, SceneValueError
+from fivcore.errors import ContactError, SceneValueError, not_unique
 from fivcore.jit import Array
 from fivcore.transient.fast.run import FAST_DECAY, least_step
-from fivcore.transient.fast.several_kernel import COUNTERS, Law, Motion, start, take_steps
+from fivcore.transient.fast.several_kernel import (
+    COUNTERS,
+    MAX_N,
+    MAX_SLIP,
+    OPEN_TIME,
+    SUM_N,
+    SWITCHES,
+    Law,
+    Motion,
+    start,
+    take_steps,
+)
 from fivcore.transient.normalised import Normalised, State, residual_gaps
 from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, Segment, first_counted
@@ -164,6 +176,21 @@ class SeveralRun(SteppedRun):
         """Status of each contact, (c,): 0 separation, 1 stick, 2 slip."""
         return np.minimum(self.motion.status, SLIP)
 
+    def by_contact(self) -> dict[str, Any]:
+        """Figures of each contact, (c,), in the scene's units; NaN before statistics begin."""
+        F, table = self.scene.load, self.motion.counters.copy()
+        total = table[0, : OPEN_TIME + 1].sum()
+        settled = self.time > float(self.record["settled_from"][0]) and total > 0.0
+        table = table if settled else np.full(table.shape, np.nan)
+        shares = dict(zip(("stick", "slip", "separation"), table[:, : OPEN_TIME + 1].T / total, strict=True))
+        return {f"contact_{name}_fraction": share for name, share in shares.items()} | {
+            "contact_mean_normal_force": F * table[:, SUM_N] / total,
+            "contact_max_normal_force": F * table[:, MAX_N],
+            "contact_max_slip_speed": F * table[:, MAX_SLIP],
+            "contact_switches_per_second": table[:, SWITCHES] / total,
+            "unsolved_steps": int(self.counts[4]),
+        }
+
     def stored_energy(self) -> float:
         """Energy of the modes about the equilibrium, the load and the ramp's push, normalised; not of the springs."""
         q = self.motion.q + self.shift
@@ -203,14 +230,8 @@ def law_of(model: ReducedModel, scene: Normalised, step: float) -> Law:
     """What a step of a scene needs."""
     contact, c, rigid = model.discrete(step), len(model.normal), not model.K.any()
     falls, M, S = not scene.friction.constant, contact.delassus, contact.flexibility
-    if rigid:
-        # So that two contacts in one place share an impulse alike.
-        M = M + LOCAL * np.trace(M) / len(M) * np.eye(2 * c)
     keep = float(np.exp(-step / contact.tau)) if contact.tau else 0.0
-    times = np.ones(3) if rigid else contact.tau + np.array([0.5 * step, 0.0, contact.mean_time])
-    matrix = S + times[:, None, None] * M
-    # Normal rows are those of stick whatever the status before.
-    matrix[:, :c] = matrix[STICK, :c]
+    matrix, times = step_matrices(contact)
     unit = float(np.diag(matrix[STICK]).mean())
     mu = scene.mu * np.asarray(model.friction)
     return Law(
@@ -237,6 +258,14 @@ def checked_step(model: ReducedModel, scene: Normalised, options: RunOptions) ->
         )
     if step < least:
         raise SceneValueError(f"step = {step:g}: it must be at least {least:g} s over this duration")
+    if scene.mu >= (most := model.painleve_mu(step)):
+        steps = step * 0.5 ** np.arange(0.5, 8.0, 0.5)
+        for shorter in (each for each in steps if each > least and scene.mu < model.painleve_mu(float(each))):
+            raise SceneValueError(
+                f"step = {step:g}: with mu = {scene.mu:g} it must be at most {at_most(float(shorter), 3)} s; beyond,"
+                f" the contact forces are not unique from mu = {most:.6g} on (Painleve)"
+            )
+        raise not_unique(scene.mu, most)
     if c > MANY:
         warn(f"{c} contacts: some {1e-8 * c**2.5 / step:.2g} s of computation a second", stacklevel=2)
     return step
