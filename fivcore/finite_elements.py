@@ -242,8 +242,8 @@ def _check_mass(M: Any, names: Any) -> None:
 def static_modes(compliance: Array, largest: float) -> tuple[Array, Array, Array, Array]:
     """Stiffness, normal and tangential shapes and load of modes, at most 2 c, with a static compliance.
 
-    Its rows are those of c normal gaps, as many tangential ones, and the load. Their frequencies are so far above all others that their dynamic
-    compliance differs from the static one by 1e-12 at the highest frequency.
+    Its rows are those of c normal gaps, as many tangential ones, and the load. Their frequencies are so far above
+    all others that their dynamic compliance differs from the static one by 1e-12 at the highest frequency.
     """
     values, vectors = np.linalg.eigh(compliance[:-1, :-1])
     kept = values > 1e-9 * max(values.max(), 0.0)

@@ -9,8 +9,8 @@ Modes that a finite-element model has beyond those that are computed act by thei
 above all others have it (`static_modes`). Stability needs the modes of its band, motion those that take part in
 impacts: from matrices, `MOTION_MODES` modes that move the gaps.
 
-A structure may touch in c places: then n and t have c rows, and each contact has an initial gap and a factor of mu.
-Which contacts the load closes is a result (`equilibrium`).
+A structure may touch in c places: then n and t have c rows, and each contact has an initial gap and a factor of
+mu. Which contacts the load closes is a result (`equilibrium`).
 """
 
 from __future__ import annotations

@@ -82,8 +82,8 @@ class ReducedModel(ReadOnlyArrays):
     rigid_step : float
         Default step in rigid contact, in units of the fastest mode's time.
     gap, friction, forces : ndarray, (c,), or None
-        Of several contacts, whose gap shapes are (c, n) and `load_gap` (2c,): initial gaps, factors of mu, and normal
-        forces at rest for a unit load.
+        Of several contacts, whose gap shapes are (c, n) and `load_gap` (2c,): initial gaps, factors of mu, and
+        normal forces at rest for a unit load.
     flexibility, relaxation : ndarray, (2c, 2c), or None; float
         Of several contacts the inverse of K, m/N, which may be singular but for rounding; C over K, s.
     """

@@ -1,8 +1,8 @@
 """The problem of a step with several contacts, and the friction at which its forces are no longer unique.
 
-Each contact is open, sticks, or slips forwards or backwards, and each set of statuses selects rows of one matrix. The
-forces are unique if the determinants of all these selections are positive (coherent orientation; Cottle, Pang and
-Stone, The Linear Complementarity Problem, 1992, section 4.8). With mu one of them is zero first.
+Each contact is open, sticks, or slips forwards or backwards, and each set of statuses selects rows of one matrix.
+The forces are unique if the determinants of all these selections are positive (coherent orientation; Scholtes,
+Introduction to Piecewise Differentiable Equations, 2012, section 2.3). As mu grows, one of them becomes zero first.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def with_local(matrix: Array) -> Array:
 
 
 def step_matrices(contact: DiscreteContact) -> tuple[Array, Array]:
-    """Q = S + a M by the status before, (3, 2c, 2c), and a, (3,), s; in rigid contact M, and a is 1 without a unit."""
+    """Q = S + a M by the status before, (3, 2c, 2c), and a, (3,), s; in rigid contact M, and 1."""
     S, M = contact.flexibility, contact.delassus
     if not S.any():
         return np.tile(with_local(M), (3, 1, 1)), np.ones(3)

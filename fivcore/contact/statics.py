@@ -1,9 +1,9 @@
 """Statics of several contacts: which of them a load closes is a linear complementarity problem.
 
-At rest, with T = 0, 0 <= N is complementary to gap + n q >= 0. The equilibrium is that of least energy, the point of
-a polyhedron next to another, which nonnegative least squares finds (Lawson and Hanson, Solving Least Squares Problems,
-1974, chapter 23). Rigid motions are held by springs that the iteration moves along until they bear nothing (proximal
-point; Rockafellar, SIAM J. Control Optim. 14, 1976, 877-898). The contacts so found are solved exactly.
+At rest, with T = 0, 0 <= N is complementary to gap + n q >= 0. The equilibrium is that of least energy, the point
+of a polyhedron next to another, which nonnegative least squares finds (Lawson and Hanson, Solving Least Squares
+Problems, 1974, chapter 23). Rigid motions are held by springs that the iteration moves along until they bear nothing
+(proximal point; Rockafellar, SIAM J. Control Optim. 14, 1976, 877-898). The contacts so found are solved exactly.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def resting(stiffness: Array, normal: Array, load: Array, gap: Array) -> tuple[A
         dual = nnls(np.vstack([shapes.T / length, opening / size]), np.eye(1, len(load) + 1, len(load))[0])[0]
         N = dual / max(1.0 - float(dual @ opening) / size, 1e-300) * size / length**2
         q = still + (normal.T @ N) / springs
-        found = _closed(compliance, held, free, moved, N > ROUNDING * N.max(initial=0.0))
+        found = _closed(compliance, held, free, moved, ROUNDING * N.max(initial=0.0) < N)
         if found is not None:
             # What touches without a force may share one.
             touching = found[1] <= ROUNDING * (np.abs(free).max() + np.abs(compliance @ found[0]).max(initial=0.0))

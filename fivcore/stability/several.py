@@ -10,9 +10,9 @@ Without k and with Rayleigh damping the equation is one for the undamped eigenva
 modes far above the band are compressed by block Lanczos from all rows (`contact.compression`).
 
 Onsets are where the number of growing exponents changes along mu. They are counted at CELLS + 1 values; where one
-more or fewer grows, that exponent is followed to the zero of its growth rate, where several do, the cell is halved;
-between cells the largest negative rate is followed to its maximum. What grows within less than a cell, without a
-maximum of that rate beside it, is overlooked.
+more or fewer grows, that exponent is followed to the zero of its growth rate, and where several do, the cell is
+halved; the largest negative rate is followed to a maximum between the values. What grows within less than a cell,
+without a maximum of that rate beside it, is overlooked.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from fivcore.jit import Array, Complex
 from fivcore.stability.exponents import LARGEST_PHI, pair
 from fivcore.structure import Structure
 
-# Cells of mu, and the shortest to which one is halved, as a share of mu_max; growth that is rounding without damping,
-# as a share of |phi|; modes above FAR times the band's square become BLOCKS for each row.
+# Cells of mu, and the shortest to which one is halved, as a share of mu_max; growth that is rounding without
+# damping, as a share of |phi|; modes above FAR times the band's square become BLOCKS for each row.
 CELLS, SHORTEST_CELL, NEUTRAL, FAR, BLOCKS = 96, 1e-6, 1e-7, 40.0, 3
 
 
@@ -151,7 +151,7 @@ def _compressed(p: Array, rows: Array, far: Any) -> tuple[Array, Array]:
 
 
 def steady_forces(own: Structure, mu: float, F: float) -> Array:
-    """Normal forces of steady sliding of the contacts that F, N, closes at rest, (c,), N, with T = mu N times factors.
+    """Normal forces, N, in steady sliding with friction mu, (c,), of the contacts that the load F, N, closes at rest.
 
     Raises
     ------
@@ -238,7 +238,7 @@ def crossings(
             count(low) == place == count(high)
             and rate(low, place) < rate(middle, place) > rate(high, place) > -1.0
         ):
-            best = minimize_scalar(lambda mu: -rate(mu, place), bounds=(low, high), method="bounded")
+            best = minimize_scalar(lambda mu, k=place: -rate(mu, k), bounds=(low, high), method="bounded")
             if -best.fun > 0.0:
                 places.append(float(best.x))
     cells = list(pairwise(sorted(places)))
@@ -275,7 +275,7 @@ def crossings(
 def onsets_of_several(
     own: Structure, fmax: float, mu_max: float, friction: Friction, V: Any, F: Any
 ) -> tuple[Array, Array, Array, Array, Array, float]:
-    """Onsets, recoveries, each mu and frequency, Hz, entries and divergence of a structure with several contacts."""
+    """Onsets and recoveries, mu and Hz each, entries and divergence, of a structure with several contacts."""
     at, given = exponents_at(own, fmax, friction), [None if each is None else float(each) for each in (V, F)]
     onsets, recoveries, entries, divergence = crossings(lambda mu: at(mu, *given), 0.0, mu_max)
     tables = [np.array(each).reshape(-1, 2) * [1.0, fmax] for each in (onsets, recoveries)]

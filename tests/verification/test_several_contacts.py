@@ -6,17 +6,10 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from fivcore import (
-    Friction,
-    InputError,
-    Scene,
-    Structure,
-    assembled_modes,
-    flutter_onsets,
-    simulate,
-    sliding_modes,
-)
+from fivcore import Friction, InputError, Scene, State, assembled_modes, flutter_onsets, simulate, sliding_modes
 from fivcore.contact.statics import resting
+from fivcore.stability.several import exponents_at, onsets_of_several, steady_forces
+from tests.helpers.moreau_jean import run as moreau_jean
 from tests.helpers.several import drawn, paper_rig, repeated
 
 
@@ -64,7 +57,7 @@ def test_statics_against_all_sets_of_closed_contacts():
 
 
 def eliminated(own, mu, fmax):
-    """Exponents by bases of the motions that leave the gaps closed, and of those in which the forces do no work."""
+    """Exponents by bases of motions that leave the gaps closed, and of those in which the forces do no work."""
     push = own.normal + mu * own.friction[:, None] * own.tangential
     right, left = linalg.null_space(own.normal), linalg.null_space(push)
     M, C, K = (
@@ -115,9 +108,6 @@ def test_exponents_against_stiff_springs_in_the_contacts(seed):
 def test_one_contact_among_several_has_its_exponents_and_onsets(friction):
     own = paper_rig()
     again, point = repeated(own, 1), {"friction": friction, "V": 2e-3, "F": 9.0}
-    object.__setattr__(again, "gap", np.zeros(1))
-    from fivcore.stability.several import exponents_at, onsets_of_several
-
     mine = exponents_at(again, 10e3, friction)(0.2, 2e-3, 9.0) * 2e4 * np.pi
     theirs = exponents(own, 0.2, 10e3, **point)
     theirs = theirs[np.isfinite(theirs)]
@@ -154,3 +144,59 @@ def test_two_contacts_in_one_place_are_one():
         known = getattr(one, name)
         assert getattr(two, name) == pytest.approx(known, abs=1e-9 * np.abs(known).max())
     assert np.array_equal(one.state, two.state)
+
+
+def test_a_perturbation_grows_by_its_exponent():
+    for seed, mu in ((0, 0.3), (2, 0.6), (3, 0.3), (5, 0.3), (9, 1.0)):
+        own, F, V = drawn(seed), 10.0, 1.0
+        modes = sliding_modes(own, 0.0, mu, 2e3)
+        k = int(np.nanargmax(modes.growth_rate))
+        phi, rate = modes.growth_rate[k] + 2j * np.pi * modes.frequency[k], modes.frequency[k]
+        q = F * own.load + steady_forces(own, mu, F) @ (own.normal + mu * own.friction[:, None] * own.tangential)
+        q, shape = q / own.stiffness, modes.shape[k]
+        shape = shape * 1e-6 * np.abs(q).max()
+        states = State(q + shape.real, (phi * shape).real, 2, True), State(q, np.zeros(len(q)), 2, True)
+        given = {"record": True, "sample_rate": None}
+        runs = [simulate(Scene(V, 0.0, mu, F, own), 8.0 / rate, initial=state, **given) for state in states]
+        # Two exponents, a pair, by linear prediction.
+        every = max(round(0.1 / rate / runs[0].time[1]), 1)
+        y = (runs[0].velocity_B - runs[1].velocity_B)[::every]
+        ahead = np.linalg.lstsq(np.stack([y[1:-1], y[:-2]], axis=1), y[2:])[0]
+        found = np.log(np.roots([1.0, *-ahead]).astype(complex)) / np.diff(runs[0].time[::every])[0]
+        found = found[np.argmax(found.imag)]
+        assert found.real == pytest.approx(phi.real, rel=1e-3)
+        assert found.imag == pytest.approx(phi.imag, rel=1e-3)
+
+
+def compared(seed, duration, settle, share):
+    """Shares of time and mean forces of `fast`, and of a Moreau-Jean scheme in coordinates and steps of its own."""
+    own, F, mu, V = drawn(seed), 10.0, 0.6, 0.02
+    found = simulate(Scene(V, 0.0, mu, F, own), duration, settle=settle, ramp=0.0)
+    assert found.summary["energy_residual"] < 1e-3
+    assert found.summary["unsolved_steps"] == 0
+    n, c = len(own.stiffness), own.contacts
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(n, n)))[0]
+    matrices = np.eye(n), turn * own.damping @ turn.T, turn * own.stiffness @ turn.T
+    rows = own.normal @ turn.T, own.tangential @ turn.T
+    rest = turn @ ((F * own.load + own.equilibrium(F)[0] @ own.normal) / own.stiffness)
+    step = share * found.final_state.origin[1].step
+    shares, mean = moreau_jean(
+        *matrices, *rows, np.zeros(c), F * turn @ own.load, mu * own.friction, V, rest, np.zeros(n),
+        step, int(duration / step), settle, 200,
+    )  # fmt: skip
+    mine = [found.summary[f"contact_{name}_fraction"] for name in ("separation", "stick", "slip")]
+    return np.array(mine).T - shares, (found.summary["contact_mean_normal_force"] - mean) / F
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 2, 4, 7])
+def test_shares_of_time_are_those_of_a_moreau_jean_scheme(seed):
+    shares, forces = compared(seed, 4.0, 0.5, 0.1)
+    assert np.abs(shares).max() < 0.025
+    assert np.abs(forces).max() < 0.01
+
+
+def test_shares_of_time_are_those_of_a_moreau_jean_scheme_in_short():
+    shares, forces = compared(2, 0.6, 0.1, 0.25)
+    assert np.abs(shares).max() < 0.08
+    assert np.abs(forces).max() < 0.03

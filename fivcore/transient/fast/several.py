@@ -34,7 +34,7 @@ from fivcore.transient.fast.several_kernel import (
 )
 from fivcore.transient.normalised import Normalised, State, residual_gaps
 from fivcore.transient.options import RunOptions
-from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, Segment, first_counted
+from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, first_counted
 from fivcore.transient.stepped import SteppedRun
 
 # Steps of a segment; share of steps without a solution that is an error; contacts above which runs are slow.
@@ -48,7 +48,7 @@ SCENE = np.dtype([
 
 
 class SeveralRun(SteppedRun):
-    """One run in progress; `counts` are Newton steps, rows replaced, lost pivots, steps by Gauss-Seidel, unsolved."""
+    """One run in progress; `counts`: Newton steps, rows replaced, lost pivots, steps by Gauss-Seidel, unsolved."""
 
     READ_AT = 0.5
 
@@ -192,7 +192,7 @@ class SeveralRun(SteppedRun):
         }
 
     def stored_energy(self) -> float:
-        """Energy of the modes about the equilibrium, the load and the ramp's push, normalised; not of the springs."""
+        """Energy of the modes about the equilibrium, the load and the ramp's push, normalised; no springs."""
         q = self.motion.q + self.shift
         return self._energy_of(q, self.motion.v) - self._ramp_work(q)
 
@@ -262,8 +262,8 @@ def checked_step(model: ReducedModel, scene: Normalised, options: RunOptions) ->
         steps = step * 0.5 ** np.arange(0.5, 8.0, 0.5)
         for shorter in (each for each in steps if each > least and scene.mu < model.painleve_mu(float(each))):
             raise SceneValueError(
-                f"step = {step:g}: with mu = {scene.mu:g} it must be at most {at_most(float(shorter), 3)} s; beyond,"
-                f" the contact forces are not unique from mu = {most:.6g} on (Painleve)"
+                f"step = {step:g}: with mu = {scene.mu:g} it must be at most {at_most(float(shorter), 3)} s;"
+                f" beyond, the contact forces are not unique from mu = {most:.6g} on (Painleve)"
             )
         raise not_unique(scene.mu, most)
     if c > MANY:

@@ -1,4 +1,4 @@
-"""Compiled steps of `method="fast"` for several contacts: impulses of all of them between exact moves of the modes.
+"""Compiled steps of `method="fast"` for several contacts: impulses of all between exact moves of the modes.
 
 The step is that of `fast.kernel`, with vectors. Forces f = (N, T), 2 c of them, and a status of each contact. With
 S the flexibility and M the mean rates of the gaps over an impulse, p the penetration before it, v the rates there
