@@ -119,6 +119,7 @@ def residual_flexibility(stiffness: Array, shape: Array) -> Array:
     """
     if np.any(stiffness == 0.0):
         raise InputError("stiffness holds 0: the static flexibility of a rigid mode is infinite, so keep it")
+    shape = np.ascontiguousarray(shape)
     return np.asarray((shape / stiffness) @ shape.T)
 
 

@@ -151,7 +151,7 @@ def _compressed(p: Array, rows: Array, far: Any) -> tuple[Array, Array]:
 
 
 def steady_forces(own: Structure, mu: float, F: float) -> Array:
-    """Normal forces, N, in steady sliding with friction mu, (c,), of the contacts that the load F, N, closes at rest.
+    """Normal forces, N, (c,), in steady sliding with friction mu, of the contacts that the load F, N, closes.
 
     Raises
     ------

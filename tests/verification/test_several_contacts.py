@@ -169,7 +169,7 @@ def test_a_perturbation_grows_by_its_exponent():
 
 
 def compared(seed, duration, settle, share):
-    """Shares of time and mean forces of `fast`, and of a Moreau-Jean scheme in coordinates and steps of its own."""
+    """Shares of time and mean forces of `fast`, less those of a Moreau-Jean scheme with coordinates of its own."""
     own, F, mu, V = drawn(seed), 10.0, 0.6, 0.02
     found = simulate(Scene(V, 0.0, mu, F, own), duration, settle=settle, ramp=0.0)
     assert found.summary["energy_residual"] < 1e-3
