@@ -30,7 +30,7 @@ from scipy.sparse.csgraph import connected_components
 from fivcore import checks
 from fivcore.beams.elements import axial
 from fivcore.beams.modes import contact_modes, one_blas_thread, residual_flexibility, rig_bases
-from fivcore.contact.statics import resting
+from fivcore.statics import resting
 from fivcore.damping import BAND_SHARE, fitted, tied_modes, tied_ratios
 from fivcore.errors import DampingWarning, InputError
 from fivcore.finite_elements import DENSE_SIZE, checked_matrix, free_rows, lowest_modes, static_modes

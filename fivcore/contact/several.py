@@ -2,7 +2,7 @@
 
 Each contact is open, sticks, or slips forwards or backwards, and each set of statuses selects rows of one matrix.
 The forces are unique if the determinants of all these selections are positive (coherent orientation; Scholtes,
-Introduction to Piecewise Differentiable Equations, 2012, section 2.3). As mu grows, one of them becomes zero first.
+Introduction to Piecewise Differentiable Equations, 2012, section 2.3). As mu grows, one of them is first zero.
 """
 
 from __future__ import annotations

@@ -2,8 +2,9 @@
 
 At rest, with T = 0, 0 <= N is complementary to gap + n q >= 0. The equilibrium is that of least energy, the point
 of a polyhedron next to another, which nonnegative least squares finds (Lawson and Hanson, Solving Least Squares
-Problems, 1974, chapter 23). Rigid motions are held by springs that the iteration moves along until they bear nothing
-(proximal point; Rockafellar, SIAM J. Control Optim. 14, 1976, 877-898). The contacts so found are solved exactly.
+Problems, 1974, chapter 23). Rigid motions are held by springs that the iteration moves along until they bear
+nothing (proximal point; Rockafellar, SIAM J. Control Optim. 14, 1976, 877-898). Then the contacts that were found
+are solved exactly.
 """
 
 from __future__ import annotations
