@@ -30,12 +30,12 @@ from scipy.sparse.csgraph import connected_components
 from fivcore import checks
 from fivcore.beams.elements import axial
 from fivcore.beams.modes import contact_modes, one_blas_thread, residual_flexibility, rig_bases
-from fivcore.statics import resting
 from fivcore.damping import BAND_SHARE, fitted, tied_modes, tied_ratios
 from fivcore.errors import DampingWarning, InputError
 from fivcore.finite_elements import DENSE_SIZE, checked_matrix, free_rows, lowest_modes, static_modes
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import ContactModel, Rig, html_table
+from fivcore.statics import resting
 from fivcore.structure_files import structure_arguments
 
 # Frequency at which times and bands are those of the beams, Hz.

@@ -7,8 +7,8 @@ import pytest
 from scipy import linalg
 
 from fivcore import Friction, InputError, Scene, State, assembled_modes, flutter_onsets, simulate, sliding_modes
-from fivcore.statics import resting
 from fivcore.stability.several import exponents_at, onsets_of_several, steady_forces
+from fivcore.statics import resting
 from tests.helpers.moreau_jean import run as moreau_jean
 from tests.helpers.several import drawn, paper_rig, repeated
 
