@@ -8,7 +8,7 @@ from fivcore import Beam, Rig, Structure
 
 
 def drawn(seed, c=None, **given):
-    """Modes with 2 to 5 contacts that the load closes, and factors of friction; even seeds have Rayleigh damping."""
+    """Modes with 2 to 5 contacts that the load closes, with factors of friction; even seeds: Rayleigh damping."""
     rng = np.random.default_rng(seed)
     c = int(rng.integers(2, 6)) if c is None else c
     n = int(rng.integers(2 * c + 1, 24))

@@ -1,0 +1,212 @@
+"""Structures with several contacts: how they are given, what is refused, and what a run says about each contact."""
+
+import numpy as np
+import pytest
+from scipy import io, sparse
+
+from fivcore import ContactError, InputError, Scene, Structure, glued_frequencies, lyapunov_exponent, simulate
+from fivcore.transient.fast.several import SeveralRun
+from tests.helpers.several import drawn, paper_rig, repeated, two_beams
+
+BLOCK = {"frequency": [0.0, 0.0, 50.0], "tangential": [[0.0, 0.0, 1.0]] * 2, "load": [-1.0, 0.0, 0.0]}
+# A block of mass 1 and length 2 on both its ends.
+ENDS = [[1.0, -1.7, 0.0], [1.0, 1.7, 0.0]]
+
+
+def springs(gap=None, **given):
+    """A chain of three masses over three supports."""
+    K = 1e4 * (2.0 * np.eye(6) - np.eye(6, k=2) - np.eye(6, k=-2))
+    rows = {"normal": [{0: 1.0}, {2: 1.0}, {4: 1.0}], "tangential": [{1: 1.0}, {3: 1.0}, {5: 1.0}]}
+    load = {0: -1.0, 2: -1.0, 4: -1.0}
+    return Structure.from_matrices(np.eye(6), K, **rows | {"load": load, "gap": gap} | given)
+
+
+def test_one_contact_in_a_list_is_one_contact():
+    rows = {"frequency": [0.0, 1.0], "load": [-1.0, 0.0]}
+    one = Structure.from_modes(normal=[1.0, 0.0], tangential=[0.0, 1.0], **rows)
+    listed = Structure.from_modes(normal=[[1.0, 0.0]], tangential=[[0.0, 1.0]], gap=0.0, friction=[1.0], **rows)
+    assert listed == one
+    assert listed.contacts == 1
+    assert "gap" not in listed.to_dict()
+
+
+def test_rows_gaps_and_friction_by_any_way():
+    own = springs([0.0, 1e-4, 0.0], friction=[1.0, 0.5, 1.0])
+    again = Structure.from_dict(own.to_dict())
+    assert again == own
+    assert again != springs([0.0, 2e-4, 0.0], friction=[1.0, 0.5, 1.0])
+    rows = [np.eye(6)[row].tolist() for row in (0, 2, 4)]
+    assert springs([0.0, 1e-4, 0.0], friction=[1.0, 0.5, 1.0], normal=rows) == own
+    assert own.mirrored().mirrored() == own
+    assert np.array_equal(own.with_gap(np.zeros(3)).gap, np.zeros(3))
+
+
+def test_the_load_decides_which_contacts_are_closed():
+    # The middle mass moves by 0.5e-4 m a newton of each support's load before it closes.
+    own = springs([0.0, 1e-4, 0.0])
+    forces, gaps = own.equilibrium(1.0)
+    assert forces == pytest.approx([1.5, 0.0, 1.5])
+    assert gaps == pytest.approx([0.0, 0.5e-4, 0.0])
+    forces, gaps = own.equilibrium(3.0)
+    assert forces == pytest.approx([4.0, 1.0, 4.0])
+    assert gaps == pytest.approx(np.zeros(3), abs=1e-18)
+
+
+@pytest.mark.parametrize("convert", [np.asarray, sparse.csc_array])
+def test_compliance_of_modes_that_are_not_computed(convert, monkeypatch):
+    whole = two_beams(3)
+    for module in ("structure", "finite_elements"):
+        monkeypatch.setattr(f"fivcore.{module}.DENSE_SIZE", 10 if convert is not np.asarray else 600)
+    few = two_beams(3, fmax=10e3)
+    assert few.static > 0
+    assert len(few.frequency) < len(whole.frequency)
+    for F in (1.0, 9.0):
+        for one, other in zip(few.equilibrium(F), whole.equilibrium(F), strict=True):
+            assert one == pytest.approx(other, abs=1e-6 * F)
+
+
+CHAIN = """
+mass = "M.mtx"
+stiffness = "K.mtx"
+dofs_per_node = 2
+load = {"node 1, x" = -1.0, "node 2, x" = -1.0, "node 3, x" = -1.0}
+"""
+LISTED = """
+[[contacts]]
+normal = "node 1, x"
+tangential = "node 1, y"
+[[contacts]]
+normal = {"node 2, x" = 1.0}
+tangential = "node 2, y"
+gap = 1e-4
+[[contacts]]
+normal = 4
+tangential = 5
+friction = 0.5
+"""
+
+
+def chain_file(folder, text):
+    io.mmwrite(folder / "M.mtx", sparse.coo_array(np.eye(6)))
+    io.mmwrite(folder / "K.mtx", sparse.coo_array(1e4 * (2.0 * np.eye(6) - np.eye(6, k=2) - np.eye(6, k=-2))))
+    (folder / "pad.toml").write_text(text)
+    return folder / "pad.toml"
+
+
+def test_a_file_lists_its_contacts(tmp_path):
+    own = Structure.read(chain_file(tmp_path, CHAIN + LISTED))
+    assert own == springs([0.0, 1e-4, 0.0], friction=[1.0, 1.0, 0.5])
+    rows = 'normal = ["node 1, x", "node 2, x", 4]\ntangential = [1, 3, 5]\ngap = [0.0, 1e-4, 0.0]\n'
+    assert Structure.read(chain_file(tmp_path, CHAIN + rows)) == springs([0.0, 1e-4, 0.0])
+    pairs = 'contacts = {pairs = [[1, 2], [3, 2]], normal = "x", tangential = "y", friction = [1.0, 0.5]}\n'
+    own = Structure.read(chain_file(tmp_path, CHAIN.replace('1, x" = -1.0', '1, x" = -2.0') + pairs))
+    assert own.contacts == 2
+    assert own.friction == pytest.approx([1.0, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (LISTED + "[[contacts]]\nnormal = 1\n", "tangential: it is missing"),
+        (LISTED + "[[contacts]]\nnormal = 1\ntangential = 2\nslope = 3\n", "slope: there is none"),
+        ("gap = 0.0\n" + LISTED, "gap is given beside"),
+        ('contacts = {pairs = [[1, 9]], normal = "x", tangential = "y"}\n', "node 9, x"),
+        ('contacts = {pairs = [1, 2], normal = "x", tangential = "y"}\n', "contacts"),
+        ("contacts = 3\n", "contacts"),
+    ],
+)
+def test_a_wrong_list_of_contacts_is_refused_in_one_line(tmp_path, text, message):
+    with pytest.raises(InputError, match=message) as caught:
+        Structure.read(chain_file(tmp_path, CHAIN + text))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"normal": ENDS, "load": [-1.0, 3.0, 0.0]}, "load: with it the structure moves away or turns over"),
+        ({"normal": ENDS, "load": [1.0, 0.0, 0.0]}, "load: with it the structure moves away"),
+        ({"normal": [ENDS[0]] * 2}, "rigid motion"),
+        ({"normal": ENDS, "gap": [0.0, -1e-6]}, "gap = -1e-06"),
+        ({"normal": ENDS, "gap": [0.0, 0.0, 0.0]}, "gap of shape"),
+        ({"normal": ENDS, "friction": [1.0, 0.0]}, "friction = 0"),
+        ({"normal": ENDS, "tangential": [0.0, 0.0, 1.0]}, "tangential of shape"),
+        ({"normal": [[1.0, -1.7, 0.0], [1.0, 1.7]]}, "normal of shape"),
+    ],
+)
+def test_wrong_contacts_are_refused_in_one_line(given, message):
+    with pytest.raises(InputError, match=message) as caught:
+        Structure.from_modes(**BLOCK | given)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_needs_one_contact_says_so():
+    own = drawn(2)
+    scene = Scene(0.02, 0.0, 0.3, 10.0, own)
+    for method in ("exact", "paper"):
+        with pytest.raises(InputError, match="several contacts"):
+            simulate(scene, 0.1, method)
+    with pytest.raises(InputError, match="touches in 5 places"):
+        lyapunov_exponent(scene, 0.1)
+    with pytest.raises(ContactError, match="not unique"):
+        simulate(Scene(0.02, 0.0, 3.0, 10.0, own), 0.1)
+
+
+def test_tied_frequencies_of_contacts_in_one_place():
+    own = paper_rig()
+    assert glued_frequencies(repeated(own), 0.0, 5) == pytest.approx(glued_frequencies(own, 0.0, 5), rel=1e-5)
+
+
+def test_a_run_says_what_each_contact_does():
+    own, F = drawn(2), 10.0
+    scene = Scene(0.02, 0.0, 0.6, F, own)
+    found = simulate(scene, 0.3, settle=0.05, ramp=0.0, record=True, sample_rate=None)
+    late = found.time >= 0.05
+    for code, name in enumerate(("separation", "stick", "slip")):
+        assert found.summary[f"contact_{name}_fraction"] == pytest.approx(
+            (found.contact_state[late] == code).mean(axis=0), abs=1e-3
+        )
+    assert found.summary["contact_mean_normal_force"] == pytest.approx(
+        found.contact_normal_force[late].mean(axis=0), rel=1e-3
+    )
+    assert found.normal_force == pytest.approx(found.contact_normal_force.sum(axis=1), abs=1e-9 * F)
+    assert found.summary["contact_max_normal_force"].max() >= found.contact_normal_force[late].max() * (1 - 1e-12)
+    opened, stuck = (found.contact_state == 0).any(axis=1), (found.contact_state == 1).all(axis=1)
+    assert np.array_equal(found.state, np.where(opened, 0, np.where(stuck, 1, 2)))
+    limit = 0.6 * own.friction * found.contact_normal_force
+    assert np.all(np.abs(found.contact_tangential_force) <= limit * (1.0 + 1e-9) + 1e-12)
+    assert np.all(found.contact_normal_force >= 0.0)
+    # In rigid contact slip may end a step after its rate has passed zero.
+    power = found.contact_tangential_force * found.contact_slip_velocity
+    assert np.maximum(power, 0.0).sum() < 1e-3 * np.abs(power).sum()
+
+
+def test_a_run_goes_on_with_the_same_bits():
+    own = drawn(2)
+    scene, given = (
+        Scene(0.02, 0.0, 0.6, 10.0, own),
+        {"ramp": 0.0, "record": True, "sample_rate": None, "step": 1e-5},
+    )
+    whole = simulate(scene, 0.12, **given)
+    first = simulate(scene, 0.05, **given)
+    second = simulate(
+        scene, 0.07, **{name: given[name] for name in given if name != "ramp"}, initial=first.final_state
+    )
+    for name in ("velocity_B", "contact_normal_force", "contact_state"):
+        assert np.array_equal(np.concatenate([getattr(first, name), getattr(second, name)]), getattr(whole, name))
+
+
+def test_initial_gaps_make_a_scene_depend_on_its_load():
+    own = springs([0.0, 1e-4, 0.0], d1=20.0)
+    light, heavy = (simulate(Scene(0.02, 0.0, 0.3, F, own), 0.5, settle=0.1) for F in (1.0, 3.0))
+    assert light.summary["contact_separation_fraction"] == pytest.approx([0.0, 1.0, 0.0], abs=1e-9)
+    assert heavy.summary["contact_separation_fraction"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+    assert heavy.summary["contact_mean_normal_force"] == pytest.approx([4.0, 1.0, 4.0], rel=0.05)
+    twice = simulate(Scene(0.04, 0.0, 0.3, 2.0, own.with_gap(2.0 * own.gap)), 0.5, settle=0.1)
+    assert twice.summary["contact_mean_normal_force"] == pytest.approx(
+        2.0 * light.summary["contact_mean_normal_force"], rel=1e-9
+    )
+
+
+def test_the_run_of_several_contacts_is_chosen_by_their_number():
+    assert isinstance(simulate(Scene(0.02, 0.0, 0.3, 1.0, springs()), 0.01).final_state.origin[1], SeveralRun)
