@@ -1,4 +1,4 @@
-"""Structures with several contacts: how they are given, what is refused, and what a run says about each contact."""
+"""Structures with several contacts: how they are given, what is refused, what a run says about each contact."""
 
 import numpy as np
 import pytest
