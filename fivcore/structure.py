@@ -410,11 +410,15 @@ class Structure(ContactModel, ReadOnlyArrays):
         m = len(self.frequency)
         return replace(self, cutoff=_cutoffs(self, MOST_MODES if self.static else 2 * m // 3)[1] or self.cutoff)
 
-    def receptances(self, frequency: Any, mu: float = 0.0) -> Any:
-        """Gaps for a unit normal force with T = mu N at frequencies, Hz: h_NN + mu h_NT and h_TN + mu h_TT."""
+    def receptances(self, frequency: Any, mu: float = 0.0, contact: int = 0) -> Any:
+        """Gaps for a unit normal force with T = mu N at frequencies, Hz: h_NN + mu h_NT and h_TN + mu h_TT.
+
+        Of several contacts, gaps and force of one, by number from 0.
+        """
         phi = 2j * np.pi * np.asarray(frequency, dtype=float)[..., None]
-        response = (self.normal + mu * self.tangential) / (self.stiffness + self.damping * phi + phi**2)
-        return (response * self.normal).sum(axis=-1), (response * self.tangential).sum(axis=-1)
+        normal, tangential = (np.atleast_2d(row)[contact] for row in (self.normal, self.tangential))
+        response = (normal + mu * tangential) / (self.stiffness + self.damping * phi + phi**2)
+        return (response * normal).sum(axis=-1), (response * tangential).sum(axis=-1)
 
     def damped(self, damping_ratio: Any, of: str = "tied") -> Structure:
         """Replace the damping by ratios of the modes with the contact tied in both directions, or free.

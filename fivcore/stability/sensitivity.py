@@ -22,6 +22,7 @@ from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import ContactModel, Rig
 from fivcore.stability.exponents import FAINT
 from fivcore.stability.many import PARAMETERS, FlutterOnsets, flutter_onsets, flutter_onsets_many, rig_table
+from fivcore.stability.several import sides
 from fivcore.structure import Structure, modal_structure
 
 # Relative step; smallest size of a parameter that it is taken of, as a share of what would matter to the rig.
@@ -131,7 +132,7 @@ def _listed(
 
 def _of_structure(own: Structure, onsets: FlutterOnsets, band: float) -> OnsetSensitivity:
     """`onset_sensitivity` of a structure, with 2 pi fmax."""
-    m, p, n, t = len(own.frequency), own.stiffness, own.normal, own.tangential
+    m, p = len(own.frequency), own.stiffness
     # Static modes have the damping of Rayleigh's law, as in `exponents`.
     damping = np.append(own.damping[:m], own.d2 * p[m:])
     damped = damping.max() > FAINT * band
@@ -144,12 +145,13 @@ def _of_structure(own: Structure, onsets: FlutterOnsets, band: float) -> OnsetSe
         """Derivatives of h_NN + mu h_NT by omega, by mu and by the parameters."""
         phi = 1j * omega
         soft = 1.0 / (p + phi * (damping + phi))
-        terms = -(n + mu * t) * n * soft**2
-        turned = np.sum((mu * (n**2 - t**2) - 2.0 * n * t) * soft)
+        gap, push, turned_gap, turned_push, by_friction = sides(own, soft, mu)
+        terms = -push * gap * soft**2
+        turned = np.sum((turned_gap * push + gap * turned_push) * soft)
         by_damping = (phi * terms)[: m if damped else 0]
         own_terms = 8.0 * np.pi**2 * own.frequency * terms[:m]
         by_each = np.concatenate([own_terms, by_damping, [turned]])
-        return 1j * np.sum(terms * (damping + 2.0 * phi)), np.sum(n * t * soft), by_each
+        return 1j * np.sum(terms * (damping + 2.0 * phi)), np.sum(gap * by_friction * soft), by_each
 
     by_mu, by_frequency = np.empty((2, len(names), len(onsets.mu)))
     none = np.zeros(by_mu.shape, dtype=bool)

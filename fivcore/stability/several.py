@@ -280,3 +280,20 @@ def onsets_of_several(
     onsets, recoveries, entries, divergence = crossings(lambda mu: at(mu, *given), 0.0, mu_max)
     tables = [np.array(each).reshape(-1, 2) * [1.0, fmax] for each in (onsets, recoveries)]
     return *(column.copy() for table in tables for column in table.T), np.array(entries), divergence
+
+
+def sides(own: Structure, soft: Complex, mu: float) -> tuple[Any, Any, Any, Any, Any]:
+    """The gap that stays closed, (n,), the force of an exponent that keeps it so, and their changes.
+
+    `soft` are the modes' responses 1 / (p + c phi + phi^2). Both change as normal and tangential directions turn,
+    in the first two of what follows; the force changes with mu, in the last. With several contacts, those that are
+    closed, it is the combination of gaps that hardly answers to a combination of forces.
+    """
+    if own.gap is None:
+        n, t = own.normal, own.tangential
+        return n, n + mu * t, -t, mu * n - t, t
+    contacts = sliding_contacts(own, 1.0 / (2.0 * np.pi), whole=True)
+    n, t, factors = contacts.normal, contacts.tangential, contacts.friction[:, None]
+    left, _, right = np.linalg.svd((n * soft) @ (n + mu * factors * t).T)
+    gap, force = left[:, -1].conj(), right[-1].conj()
+    return gap @ n, force @ (n + mu * factors * t), -gap @ t, force @ (mu * factors * n - t), force @ (factors * t)

@@ -45,7 +45,7 @@ class SteppedRun:
         options.record_of(run.scene, None, run.record, run.begun)
         run.record["row_every"] = options.rows(run.step)[0]
         if "settle" in run.record.dtype.names:
-            run.record["settle"] = first_counted(run.record["settled_from"][0], run.step, 1.0)
+            run.record["settle"] = first_counted(run.record["settled_from"][0], run.step, run.READ_AT)
         run._first_energy = run.stored_energy()
         return run
 

@@ -22,10 +22,11 @@ MOST, GRAM, SLOW, COUPLED = 40, 1e-3, 5e3, 1e-9
 FILE = click.argument("file", metavar="FILE.toml")
 FMAX = click.option("--fmax", default="10kHz", show_default=True, help="Band of onsets and figure.")
 MU = click.option("--mu", type=float, default=1.0, show_default=True, help="Largest coefficient of friction.")
+LOAD = click.option("--load", default="1N", show_default=True, help="Load under which several contacts are shown.")
 
 
-@command("structure", "What was read of an own structure, with a figure.", FILE, OUT, FMAX, MU)
-def structure(file: str, out: str | None, fmax: str, mu: float) -> None:
+@command("structure", "What was read of an own structure, with a figure.", FILE, OUT, FMAX, MU, LOAD)
+def structure(file: str, out: str | None, fmax: str, mu: float, load: str) -> None:
     """Modes, contact, preload, damping and flutter onsets of a structure of one's own, and its receptances.
 
     \b
@@ -39,7 +40,9 @@ def structure(file: str, out: str | None, fmax: str, mu: float) -> None:
     `load` what F multiplies. Optional: `output` (what is observed as B; otherwise the tangential gap), `drive`
     (mass times the motion of all for a unit motion of the base, which then moves in place of the surface),
     `damping` (a file), `damping_ratio`, `d1`, `d2`, `fmax`. Rows are named "node N, DIRECTION" by `nodes` or
-    `dofs_per_node`, or by their number from 0.
+    `dofs_per_node`, or by their number from 0. With several contacts `normal` and `tangential` are lists, or
+    `contacts` is one of tables with these and `gap` (m, 0 if not given) and `friction` (factor of mu, 1), or
+    pairs of nodes: contacts = {pairs = [[12, 40], [13, 41]], normal = "y", tangential = "x"}.
 
     From Nastran, with pyNastran in another environment, for it needs an older NumPy; the punch file (EXTRN) lists
     node and direction of the rows, for rows.txt:
@@ -70,10 +73,13 @@ def structure(file: str, out: str | None, fmax: str, mu: float) -> None:
     band = checks.band(spec.one(fmax, "fmax", "Hz"))
     mu = checks.between("--mu", mu, 1e-6, 1e3, "a coefficient of friction")
     own: Any = Structure.from_dict(structure_of(file))
+    force = checks.between("--load", spec.one(load, "load", "N"), 1e-100, 1e100, "N")
     show("\n".join(described(own)))
+    if own.contacts > 1:
+        show("\n".join(contacts(own, force)))
     onsets = None
     try:
-        onsets = flutter_onsets(own, 0.0, band, mu)
+        onsets = flutter_onsets(own, 0.0, band, mu, F=force)
         show("\n".join(_onsets(onsets, band, mu)))
     except ArithmeticError as problem:
         show(f"flutter onsets: they could not be computed: {problem}")
@@ -85,7 +91,7 @@ def structure(file: str, out: str | None, fmax: str, mu: float) -> None:
     show("\n".join(hints(own)), end="\n" if any(hints(own)) else "")
     target = results_folder(out) / "structure" / f"{Path(file).stem}.png"
     with figures.style(), written(target) as temporary:
-        temporary.write_bytes(figures.saved(receptances.draw(own, band, mu, onsets), "png", own.digest))
+        temporary.write_bytes(figures.saved(receptances.draw(own, band, mu, onsets, force), "png", own.digest))
     say(f"\nwritten: {target}")
 
 
@@ -99,8 +105,11 @@ def described(own: Structure) -> Iterator[str]:
     damping = own.damping[: len(own.frequency)]
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = damping / (4.0 * np.pi * own.frequency)
-    heads = ("mode", "frequency Hz", "normal", "tangential", "load", "output", "damping ratio")
-    table = zip(own.frequency, own.normal, own.tangential, own.load, own.output, ratio, strict=False)
+    heads = ["mode", "frequency Hz", "normal", "tangential", "load", "output", "damping ratio"]
+    parts = [own.frequency, own.normal, own.tangential, own.load, own.output, ratio]
+    if own.contacts > 1:
+        del heads[2:4], parts[1:3]
+    table = zip(*parts, strict=False)
     rows = [(f"{k}", f"{row[0]:.6g}", *(f"{each:.4g}" for each in row[1:])) for k, row in enumerate(table, 1)]
     yield columns([heads, *rows[:MOST]])
     if len(rows) > MOST:
@@ -111,7 +120,7 @@ def described(own: Structure) -> Iterator[str]:
     except InputError:
         preload = "none"
     found: dict[str, Any] = {"preload (normal force at rest for a unit load)": preload}
-    for name, row in (("normal", own.normal), ("tangential", own.tangential)):
+    for name, row in (("normal", own.normal), ("tangential", own.tangential)) if own.contacts == 1 else ():
         elastic = own.stiffness > 0.0
         compliance = float(np.sum(row[elastic] ** 2 / own.stiffness[elastic]))
         found[f"{name} effective mass, kg"] = f"{effective_mass(own, row):.6g}"
@@ -126,6 +135,20 @@ def described(own: Structure) -> Iterator[str]:
     yield from (f"remark: {remark}" for remark in own.remarks)
     if own.static:
         yield f"remark: modes above {own.frequency[-1]:.6g} Hz act by their static compliance"
+
+
+def contacts(own: Structure, load: float) -> Iterator[str]:
+    """What each contact bears under a load, N, how far it is open, and what it moves, as lines."""
+    forces, gaps = own.equilibrium(load)
+    heads = ("contact", "friction", "initial gap m", "force N", "gap m", "normal kg", "tangential kg")
+    own_columns = own.friction, own.gap, forces, gaps
+    masses = ([effective_mass(own, row) for row in rows] for rows in (own.normal, own.tangential))
+    rows = [
+        (f"{k}", *(f"{each:.4g}" for each in row)) for k, row in enumerate(zip(*own_columns, *masses, strict=True))
+    ]
+    yield "\n" + columns([heads, *rows])
+    closed = f"{int((forces > 0.0).sum())} of {own.contacts} contacts are closed"
+    yield f"{closed} under {load:g} N; they bear {forces.sum():.6g} N"
 
 
 def effective_mass(own: Structure, row: Any) -> float:
@@ -150,12 +173,13 @@ def hints(own: Structure) -> Iterator[str]:
     import numpy as np
 
     elastic, most = own.frequency[own.frequency > 0.0], len(own.frequency)
-    mass = min(effective_mass(own, row) for row in (own.normal, own.tangential))
+    rows = [np.atleast_2d(row) for row in (own.normal, own.tangential)]
+    mass = min(effective_mass(own, row) for each in rows for row in each)
     if mass < GRAM and len(elastic) and elastic[0] < SLOW:
         yield (
             f"hint: the contact moves only {mass:.3g} kg, though the lowest elastic mode has {elastic[0]:.4g} Hz: "
             "if the model is in mm, t, s, multiply mass and stiffness by 1000"
         )
-    normal, tangential = (np.abs(row[:most]) for row in (own.normal, own.tangential))
+    normal, tangential = (np.abs(each[:, :most]) for each in rows)
     if (normal * tangential).max() <= COUPLED * normal.max() * tangential.max():
         yield "hint: no mode moves both gaps, so that friction cannot cause flutter; check normal and tangential"

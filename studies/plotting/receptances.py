@@ -18,15 +18,21 @@ if TYPE_CHECKING:
 POINTS, FRICTIONS = 4000, 101
 
 
-def draw(structure: Structure, fmax: float, mu_max: float, onsets: FlutterOnsets | None) -> Figure:
-    """|h_NN|, |h_NT|, |h_TT| over frequency up to `fmax`, Hz, and the largest growth rate over friction."""
+def draw(
+    structure: Structure, fmax: float, mu_max: float, onsets: FlutterOnsets | None, load: float = 1.0
+) -> Figure:
+    """|h_NN|, |h_NT|, |h_TT| over frequency up to `fmax`, Hz, and the largest growth rate over friction.
+
+    Of several contacts the receptances are those of the one with the largest force under the load, N.
+    """
     figure, (left, right) = figures.panels(1, 2, 24.0, 9.5)
     elastic = structure.frequency[(structure.frequency > 0.0) & (structure.frequency < fmax)]
     low = 0.3 * min(elastic.min(initial=fmax), 0.1 * fmax)
     # Peaks are narrower than any even spacing.
     frequency = np.union1d(np.geomspace(low, fmax, POINTS), elastic)
-    normal, cross = structure.receptances(frequency)
-    tangential = structure.receptances(frequency, 1.0)[1] - cross
+    contact = int(np.argmax(structure.equilibrium(load)[0])) if structure.contacts > 1 else 0
+    normal, cross = structure.receptances(frequency, contact=contact)
+    tangential = structure.receptances(frequency, 1.0, contact)[1] - cross
     curves = {"h_NN": normal, "h_NT": cross, "h_TT": tangential}
     for (name, values), colour, style in zip(
         curves.items(), (figures.BLUE, figures.ORANGE, figures.BLACK), ("-", "-", "--"), strict=True
@@ -37,7 +43,7 @@ def draw(structure: Structure, fmax: float, mu_max: float, onsets: FlutterOnsets
     figures.one_two_five(left.xaxis)
     left.legend(loc="best")
     mu = np.linspace(0.0, mu_max, FRICTIONS)
-    growth = largest_growth(structure, 0.0, mu, fmax)[0]
+    growth = largest_growth(structure, 0.0, mu, fmax, F=load)[0]
     right.plot(mu, growth, color=figures.BLACK)
     right.plot(mu, np.where(growth > 0.0, growth, np.nan), color=figures.RED, linewidth=2.0)
     right.axhline(0.0, color=figures.GREY, linewidth=0.8)
@@ -49,6 +55,7 @@ def draw(structure: Structure, fmax: float, mu_max: float, onsets: FlutterOnsets
         if right.get_legend_handles_labels()[0]:
             right.legend(loc="best")
     right.set(xlabel="coefficient of friction μ", ylabel="growth rate / (1/s)")
-    figures.letter((left, right), ("receptances at the contact", "least stable mode of steady sliding"))
+    where = f"receptances at contact {contact}" if structure.contacts > 1 else "receptances at the contact"
+    figures.letter((left, right), (where, "least stable mode of steady sliding"))
     figure.suptitle(repr(structure))
     return figure

@@ -1,16 +1,29 @@
 """Several contacts: statics, stability and motion against other ways to the same."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import linalg
 
-from fivcore import Friction, InputError, Scene, State, assembled_modes, flutter_onsets, simulate, sliding_modes
+from fivcore import (
+    Friction,
+    InputError,
+    Scene,
+    State,
+    Structure,
+    assembled_modes,
+    flutter_onsets,
+    onset_sensitivity,
+    simulate,
+    sliding_modes,
+)
 from fivcore.stability.several import exponents_at, onsets_of_several, steady_forces
 from fivcore.statics import resting
+from tests.helpers.blocks import chain, stick_times
 from tests.helpers.moreau_jean import run as moreau_jean
-from tests.helpers.several import drawn, paper_rig, repeated
+from tests.helpers.several import drawn, paper_rig, repeated, two_beams
 
 
 def by_enumeration(p, normal, load, gap):
@@ -166,6 +179,69 @@ def test_a_perturbation_grows_by_its_exponent():
         found = found[np.argmax(found.imag)]
         assert found.real == pytest.approx(phi.real, rel=1e-3)
         assert found.imag == pytest.approx(phi.imag, rel=1e-3)
+
+
+def test_blocks_on_a_belt_stick_and_slip_as_from_event_to_event():
+    """Three blocks in a chain, from the start with the belt: periods to 1e-6, each stick within two steps."""
+    K, own = chain()
+    mu, kappa, V, step, duration = 0.5, 0.6, 0.01, 1e-6, 1.0
+    known = stick_times(K, V, mu * own.friction, kappa * mu * own.friction, duration)
+    # The springs are unloaded, and all move with the belt.
+    v = np.append(np.zeros(3), own.tangential[:, 3:].T @ np.full(3, V))
+    given = {"step": step, "record": "state", "sample_rate": None, "initial": State(np.zeros(6), v, 1, True)}
+    found = simulate(Scene(V, 0.0, mu, 3.0, own, Friction(kappa, 0.0)), duration, **given)
+    for i, times in enumerate(known):
+        state = found.contact_state[:, i]
+        mine = found.time[1:][(state[1:] == 1) & (state[:-1] != 1)]
+        times = np.array([each for each in times if each < duration - 10.0 * step])
+        assert len(mine) == len(times) > 30
+        assert np.abs(mine - times).max() < 2.0 * step
+        periods = (mine[-1] - mine[5]) / (times[-1] - times[5])
+        assert periods == pytest.approx(1.0, abs=2.0 * step / (times[-1] - times[5]))
+
+
+def test_a_symmetric_pad_moves_symmetrically():
+    """Two contacts side by side: what is antisymmetric stays at rest, and together they are one contact."""
+    rng = np.random.default_rng(3)
+    frequency, (n, t) = np.array([40.0, 90.0, 150.0, 210.0, 330.0]), rng.normal(size=(2, 5))
+    turned, frequencies = np.array([1.0, 1.0, -1.0, 1.0, -1.0]), {"frequency": frequency, "damping_ratio": 0.02}
+    pad = Structure.from_modes(
+        normal=[n, n * turned], tangential=[t, t * turned], load=-n * (turned > 0), **frequencies
+    )
+    given = {"record": True, "sample_rate": None, "ramp": 0.0, "step": 1e-5}
+    found = simulate(Scene(0.02, 0.0, 0.3, 5.0, pad), 0.2, **given)
+    assert found.summary["first_slip_time"] < 0.1
+    size = np.abs(found.contact_normal_force).max()
+    assert np.ptp(found.contact_normal_force, axis=1).max() < 1e-9 * size
+    assert np.array_equal(found.contact_state[:, 0], found.contact_state[:, 1])
+
+
+def test_second_order_in_the_step_until_slip():
+    own, runs = two_beams(3), []
+    scene, times = Scene(0.02, 0.0, 0.8, 9.0, own), np.linspace(1e-4, 1e-3, 200)
+    for share in (1, 2, 4, 16):
+        step = 1e-6 / share
+        runs.append(simulate(scene, 1.5e-3, cutoff=94e3, step=step, record="velocity_B", sample_times=times))
+    assert runs[-1].summary["first_slip_time"] > 1e-3
+    errors = [np.abs(run.velocity_B - runs[-1].velocity_B).max() for run in runs[:-1]]
+    assert errors[0] > 3.0 * errors[1] > 9.0 * errors[2]
+
+
+def test_sensitivities_are_those_of_changed_structures():
+    own = drawn(9)
+    found = onset_sensitivity(own, 0.0, 2e3)
+    assert len(found.mu)
+    for name, gradient in found.mu_gradient.items():
+        kind, _, number = name.partition("_")
+        if kind != "frequency" or int(number) % 3:
+            continue
+        k, mu = int(number) - 1, []
+        for change in (1e-5, -1e-5):
+            p = own.stiffness.copy()
+            p[k] *= (1.0 + change) ** 2
+            mu.append(flutter_onsets(replace(own, stiffness=p), 0.0, 2e3).mu)
+        known = (mu[0] - mu[1]) / (2e-5 * own.frequency[k])
+        assert gradient == pytest.approx(known, rel=1e-3, abs=1e-6 * np.abs(known).max())
 
 
 def compared(seed, duration, settle, share):

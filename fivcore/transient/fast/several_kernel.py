@@ -333,31 +333,19 @@ def relax(law: Any, motion: Any, b: Any, eligible: Any, before: Any, counts: Any
 
 @kernel
 def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any, rows: Any, sticks: Any) -> None:
-    """Take a scene to its next pause, as `fast.kernel.advance` does; `counts` is that of `solve`."""
-    scene, c, h = scenes[0], len(law.mu), law.step
-    work, status, was, u, f, anchor = motion.work, motion.status, motion.was, motion.u, motion.force, motion.anchor
-    g, r, b, mean, share = work[0], work[1], work[2], work[3], work[9]
-    impulse, base, eligible, right, y, last, more = (
-        work[10],
-        work[11],
-        work[12],
-        work[4],
-        work[7],
-        work[8],
-        work[13],
-    )
-    inverse, matrix, held, falls = motion.inverse, motion.matrix, motion.held, law.falls
-    q, v, slip, after, push, counters = (
-        motion.q, motion.v, motion.slip, motion.after, motion.push, motion.counters
-    )  # fmt: skip
-    gaps, flow, output, damping, flexibility, delassus = (
-        law.gaps, law.flow, law.output, law.damping, law.flexibility, law.delassus
-    )  # fmt: skip
-    by_status, times, rest, at_rest, closed, mu, kinetic = (
-        law.matrix, law.times, law.rest, law.at_rest, law.closed, law.mu, law.kinetic
-    )  # fmt: skip
-    per_step, per_unit, rigid, keep = 1.0 / h, 1.0 / law.unit, law.rigid, law.keep
-    gone = 1.0 - keep
+    """Take a scene to its next pause, as `fast.kernel.advance` does.
+
+    `counts` are Newton steps, rows replaced, pivots lost, steps by Gauss-Seidel, and unsolved ones.
+    """
+    # Fields of tuples are read once: each reading counts references.
+    (
+        gaps, flow, output, damping, flexibility, delassus, by_status, unit, times,
+        rest, at_rest, closed, mu, kinetic, falls, _, h, keep, _, rigid,
+    ) = law  # fmt: skip
+    q, v, u, f, after, anchor, slip, status, was, held, counters, matrix, inverse, work, push = motion
+    g, r, b, mean, right, y, last, more = work[0], work[1], work[2], work[3], work[4], work[7], work[8], work[13]
+    share, impulse, base, eligible = work[9], work[10], work[11], work[12]
+    scene, c, gone = scenes[0], len(mu), 1.0 - keep
     # The load's share of the rates.
     multiply(delassus, rest, share)
     for now in range(scene.now, scene.last):
@@ -387,7 +375,7 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
             else:
                 b[i] = g[i] - times[STICK] * r[i]
                 b[k] = (anchor[i] - g[k] if old == STICK else u[k]) - times[old] * r[k]
-            b[i], b[k] = b[i] * per_unit, b[k] * per_unit
+            b[i], b[k] = b[i] / unit, b[k] / unit
         if not falls:
             if counts[1] > REPLACED:
                 renew(law, motion, counts)
@@ -412,7 +400,7 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
             else:
                 before += (times[SLIP] - times[STICK]) * mean[k] if old == STICK else 0.0
                 end = keep * before + gone * base[k]
-                slip_rate += (end - before) * per_step
+                slip_rate += (end - before) / h
             u[k] = end
             if now_is == SEPARATION:
                 first = g[i] if old != SEPARATION and g[i] > keep * u[i] else u[i]
@@ -454,11 +442,7 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
             if scene.settled_from < np.inf:
                 scene.settle = int(np.ceil(scene.settled_from / h - 0.5 - 1e-6))
         kick(gaps, impulse, push)
-        if (
-            now % scene.energy_every == 0
-            or now % scene.sample_every == 0
-            or (scene.row_every > 0 and now % scene.row_every == 0)
-        ):
+        if now % scene.look_every == 0:
             speed, power = observe(output, damping, v, push)
             if now % scene.energy_every == 0:
                 scene.damped += scene.energy_every * h * power
