@@ -80,6 +80,8 @@ class Study:
         The motion is chaotic: another processor changes digits, and only statistics can be compared.
     beams : bool
         It is about the paper's two beams: structures of one's own are refused.
+    by_contact : mapping
+        Outputs on the dimension `contact`, which a structure with several contacts has besides.
     """
 
     name: str
@@ -99,6 +101,7 @@ class Study:
     normalised: bool = field(default=False, kw_only=True)
     chaotic: bool = field(default=False, kw_only=True)
     beams: bool = field(default=False, kw_only=True)
+    by_contact: Mapping[str, Variable] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
         takes = set(inspect.signature(self.function).parameters)
@@ -203,6 +206,15 @@ class Study:
         InputError
             For a parameter or a series that does not exist, or a value out of range.
         """
+        if self.normalised and any((structure or {}).get("gap", ())):
+            # With initial gaps the motion at another load is no copy.
+            plain, own_plain = (
+                {name: replace(each, scale="") for name, each in outputs.items()}
+                for outputs in (self.outputs, self.by_contact)
+            )
+            study = replace(self, normalised=False, outputs=plain, by_contact=own_plain)
+            others: dict[str, Any] = {"samples": samples, "seed": seed, "structure": structure}
+            return study.sweep(values, rows=rows, record=record, sample_rate=sample_rate, **others)
         requested = {name: self._read(name, value) for name, value in values.items()}
         draws = {name: value for name, value in requested.items() if hasattr(value, "ppf")}
         columns = {name: self._column(name, column) for name, column in (rows or {}).items()}
@@ -234,6 +246,9 @@ class Study:
         grid = self._grid(axes, draws, columns, samples, seed)
         check_size(grid)
         outputs, coords = dict(self.outputs), dict(inner) | self._coords(fixed, grid.axes)
+        if structure is not None and own.contacts > 1 and self.by_contact:
+            outputs |= self.by_contact
+            coords["contact"] = Axis(np.arange(own.contacts), "1", "contact, from 0")
         for name, variable in outputs.items() if followed else ():
             dims = tuple(followed if dim == "followed" else dim for dim in variable.dims)
             outputs[name] = replace(variable, dims=dims)

@@ -21,6 +21,10 @@ OUTPUTS: dict[str, Variable] = {
     name: replace(variable, scale="load") if name in run.SCALED else variable
     for name, variable in run.SUMMARY.items()
 } | {"simulated_time": Variable("s", "simulated time")}
+BY_CONTACT = {
+    name: replace(variable, scale="load") if name.removeprefix("contact_") in run.SCALED else variable
+    for name, variable in run.CONTACTS.items()
+}
 COLUMNS = ("V", "theta", "mu", "F", "regime", "stick_fraction", "separation_fraction", "velocity_rms")
 # Rows of the summary's table.
 MOST_ROWS = 40
@@ -40,7 +44,7 @@ def motions(
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         time = {"simulated_time": runs[0].summary["simulated_time"]}
-        return series.kept(runs[0], record) | run.summary_of(runs[0]) | time
+        return series.kept(runs[0], record) | run.summary_of(runs[0]) | run.contacts_of(runs[0]) | time
 
     until = duration or Until(standard_error, min_duration, max_duration)
     recording = series.sampling(record, times)
@@ -84,6 +88,7 @@ STUDY = Study(
     }
     | ensemble.until(0.3, 16.0),
     outputs=OUTPUTS,
+    by_contact=BY_CONTACT,
     function=motions,
     check=check,
     summary=summarise,

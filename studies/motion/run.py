@@ -54,6 +54,13 @@ SUMMARY |= {
     f"{name}_se": replace(SUMMARY[name], long_name=f"standard error: {SUMMARY[name].long_name}")
     for name in ESTIMATED
 }
+# Of each of several contacts.
+CONTACTS = {
+    f"contact_{name}": replace(each, long_name=f"{each.long_name}, of each contact", dims=("contact",))
+    for name, each in SUMMARY.items()
+    if name in {f"{state}_fraction" for state in STATES}
+    or name in ("mean_normal_force", "max_normal_force", "max_slip_speed", "switches_per_second")
+}
 # Quantities that the load multiplies; the others are equal for equivalent scenes.
 SCALED = (
     *(
@@ -90,6 +97,11 @@ def summary_of(run: Transient) -> dict[str, Any]:
     regime, sticks = REGIMES.index(run.summary["regime"]), len(run.summary["stick_times"])
     values = {**run.summary, "regime": regime, "long_sticks": sticks}
     return {name: values[name] for name in SUMMARY if name in values}
+
+
+def contacts_of(run: Transient) -> dict[str, Any]:
+    """Values of the variables of CONTACTS, (c,); nothing with one contact."""
+    return {name: run.summary[name] for name in CONTACTS if name in run.summary}
 
 
 def check(
