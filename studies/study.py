@@ -252,6 +252,8 @@ class Study:
         for name, variable in outputs.items() if followed else ():
             dims = tuple(followed if dim == "followed" else dim for dim in variable.dims)
             outputs[name] = replace(variable, dims=dims)
+        for name in (each for each in record if each.startswith("contact_") and "contact" not in coords):
+            raise InputError(f"record = {name!r}: it is of a structure with several contacts; leave it out")
         if len(record) or sample_rate is not None:
             kept, elapsed = self._recorded(tuple(record), sample_rate, fixed)
             coords.setdefault("elapsed", elapsed)

@@ -19,6 +19,7 @@ from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig, Scene
 from fivcore.stability.exponents import band_modes
 from fivcore.stability.sampled import Along, FrictionPath, coulomb_crossings, sampled_crossings
+from fivcore.stability.several import onsets_along
 from fivcore.structure import Structure, modal_structure
 
 # Of speed, m/s, and load, N.
@@ -136,7 +137,9 @@ def sliding_onsets(scene: Scene, parameter: str, low: float, high: float, fmax: 
     if scene.V < 0.0 and not isinstance(scene.rig, Rig):
         own = own.mirrored()
     values = {"mu": scene.mu, "V": abs(scene.V), "F": scene.F}
-    if not scene.friction.constant:
+    if own.contacts > 1:
+        found = onsets_along(own, band, scene.friction, values, parameter, start, end)
+    elif not scene.friction.constant:
         found = falling_crossings(own, band, scene.friction, values, parameter, start, end)
     else:
         ratio = scene.friction.kinetic_ratio if parameter == "mu" else 0.0

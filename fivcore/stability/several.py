@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from itertools import pairwise
 from typing import Any
 
@@ -36,6 +36,8 @@ from fivcore.structure import Structure
 # Cells of mu, and the shortest to which one is halved, as a share of mu_max; growth that is rounding without
 # damping, as a share of |phi|; modes above FAR times the band's square become BLOCKS for each row.
 CELLS, SHORTEST_CELL, NEUTRAL, FAR, BLOCKS = 96, 1e-6, 1e-7, 40.0, 3
+# Real shift at which all is inverted.
+SHIFT = 1.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +68,11 @@ class SlidingContacts:
         n, t = self.normal, self.tangential
         push = n + (mu * self.friction)[:, None] * t
         if self.rayleigh and k is None:
-            d = 1.0 / (self.p + 1.3)
+            d = 1.0 / (self.p + SHIFT)
             held = np.linalg.solve((n * d) @ push.T, n * d)
             inverse = np.diag(d) - d[:, None] * (push.T @ held)
             with np.errstate(divide="ignore", invalid="ignore"):
-                values = 1.0 / np.linalg.eigvals(inverse).astype(complex) - 1.3
+                values = 1.0 / np.linalg.eigvals(inverse).astype(complex) - SHIFT
             # Constraints have none.
             values = values[np.abs(values) < 1e3 * (1.0 + np.abs(values).min())]
             d1, d2 = self.rayleigh
@@ -83,20 +85,18 @@ class SlidingContacts:
         return np.asarray(phi[np.lexsort((phi.real, phi.imag))])
 
     def _damped(self, push: Array, k: Array) -> Complex:
+        """All phi, as eigenvalues of (q, v) for given (x, y), of `exponents.damped_inverse`."""
         n, t, c, m = self.normal, self.tangential, self.c, len(self.p)
-        shift = 1.3
-        d, rows = 1.0 / (self.p + shift * (c + shift)), len(n)
-        # The state is q and v = phi q; (q, v) for given x and y, as in `exponents.damped_inverse`.
-        force, x = -np.hstack([np.diag(c + shift), np.eye(m)]), np.eye(m, 2 * m)
-        soft, fall = d[:, None] * force, k[:, None] * t
+        d, x, fall = 1.0 / (self.p + SHIFT * (c + SHIFT)), np.eye(m, 2 * m), k[:, None] * t
+        soft = -d[:, None] * np.hstack([np.diag(c + SHIFT), np.eye(m)])
         matrix = np.block([
             [(n * d) @ push.T, (n * d) @ t.T],
-            [-shift * (fall * d) @ push.T, np.eye(rows) - shift * (fall * d) @ t.T],
+            [-SHIFT * (fall * d) @ push.T, np.eye(len(n)) - SHIFT * (fall * d) @ t.T],
         ])  # fmt: skip
-        forces = np.linalg.solve(matrix, np.vstack([-n @ soft, fall @ (shift * soft + x)]))
-        q = soft + d[:, None] * (push.T @ forces[:rows] + t.T @ forces[rows:])
+        forces = np.linalg.solve(matrix, np.vstack([-n @ soft, fall @ (SHIFT * soft + x)]))
+        q = soft + d[:, None] * (np.vstack([push, t]).T @ forces)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(shift + 1.0 / np.linalg.eigvals(np.vstack([q, shift * q + x])).astype(complex))
+            return np.asarray(SHIFT + 1.0 / np.linalg.eigvals(np.vstack([q, SHIFT * q + x])).astype(complex))
 
     def shape(self, phi: complex, mu: float, k: Array | None = None) -> Complex:
         """Modal coordinates of an exponent, (n,): those of the forces that leave the normal gaps closed."""
@@ -112,8 +112,6 @@ class SlidingContacts:
 
 def sliding_contacts(own: Structure, fmax: float, F: float | None = None, whole: bool = False) -> SlidingContacts:
     """The contacts of a structure that the load F, N, closes; `whole` keeps all modes as they are."""
-    if own.gap is None or own.friction is None:
-        raise InputError("structure: it has one contact")
     if F is None and own.gap.any():
         raise InputError("F is missing: with initial gaps it decides which contacts are closed; give F (N)")
     closed = own.equilibrium(F or 1.0)[0] > 0.0
@@ -176,24 +174,19 @@ def sliding_points(
     own: Structure, friction: Friction, mu: float, V: float, F: float
 ) -> tuple[float, Array | None]:
     """Friction mu(V), and by how much that of each contact falls, k, (c,), N s/m; None where it does not."""
-    m = mu * friction.ratio(V) if not friction.constant else mu * friction.kinetic_ratio
     if friction.constant:
-        return m, None
-    factors = own.friction[own.equilibrium(F)[0] > 0.0]
+        return mu * friction.kinetic_ratio, None
+    m, factors = mu * friction.ratio(V), own.friction[own.equilibrium(F)[0] > 0.0]
     return m, -mu * friction.slope(V) * factors * steady_forces(own, m, F)
 
 
-def exponents_at(own: Structure, fmax: float, friction: Friction, whole: bool = False) -> Callable[..., Complex]:
+def exponents_at(own: Structure, fmax: float, friction: Friction) -> Callable[..., Complex]:
     """The exponents, in units of 2 pi fmax, as a function of mu, V, m/s, and F, N."""
-
-    @lru_cache(maxsize=8)
-    def contacts(F: float | None) -> SlidingContacts:
-        return sliding_contacts(own, fmax, F, whole)
+    contacts = lru_cache(maxsize=8)(partial(sliding_contacts, own, fmax))
 
     def at(mu: float, V: float | None, F: float | None) -> Complex:
-        return contacts(F if own.gap.any() else None).exponents(
-            *sliding_points(own, friction, mu, V or 0.0, F or 1.0)
-        )
+        point = sliding_points(own, friction, mu, V or 0.0, F or 1.0)
+        return contacts(F if own.gap.any() else None).exponents(*point)
 
     return at
 
@@ -207,11 +200,11 @@ def shape_of_several(
 
 
 def crossings(
-    at: Callable[[float], Complex], least: float, most: float
+    at: Callable[[float], Complex], grid: list[float]
 ) -> tuple[list[Any], list[Any], list[float], float]:
     """Onsets and recoveries, (mu, frequency in units of the band) each, entries, and where divergence begins.
 
-    mu, from `least` to `most`, may be any parameter of the exponents.
+    mu may be any parameter of the exponents; they are counted on the `grid`, which ascends.
     """
 
     @cache
@@ -230,8 +223,7 @@ def crossings(
     def count(mu: float) -> int:
         return int(np.sum(modes(mu)[0] > 0.0))
 
-    grid = np.linspace(least, most, CELLS + 1).tolist()
-    places = list(grid)
+    places, most = list(grid), grid[-1]
     for low, middle, high in zip(grid, grid[1:], grid[2:], strict=False):
         place = count(middle)
         if (
@@ -252,9 +244,8 @@ def crossings(
         for place in range(min(count(low), count(high)), max(count(low), count(high))):
             mu = brentq(rate, low, high, (place,), xtol=1e-14 * most, rtol=4.0 * EPS)
             step = 1e-13 * most
-            while (inside := float(np.clip(mu + np.sign(change) * step, low, high))) and rate(
-                inside, place
-            ) <= 0.0:
+            # The side on which it grows.
+            while not rate(inside := float(np.clip(mu + np.sign(change) * step, low, high)), place) > 0.0:
                 step *= 4.0
             growing = modes(inside)[1][place]
             if growing.real > 1e-4 * abs(growing):
@@ -264,7 +255,7 @@ def crossings(
     real = [mu for mu in grid if modes(mu)[2]]
     divergence = np.nan
     if real:
-        high, low = real[0], max([least, *[mu for mu in grid if mu < real[0]]])
+        high, low = real[0], max([mu for mu in grid if mu < real[0]], default=grid[0])
         for _ in range(60):
             middle = 0.5 * (low + high)
             low, high = (low, middle) if modes(middle)[2] else (middle, high)
@@ -277,9 +268,21 @@ def onsets_of_several(
 ) -> tuple[Array, Array, Array, Array, Array, float]:
     """Onsets and recoveries, mu and Hz each, entries and divergence, of a structure with several contacts."""
     at, given = exponents_at(own, fmax, friction), [None if each is None else float(each) for each in (V, F)]
-    onsets, recoveries, entries, divergence = crossings(lambda mu: at(mu, *given), 0.0, mu_max)
+    grid = np.linspace(0.0, mu_max, CELLS + 1).tolist()
+    onsets, recoveries, entries, divergence = crossings(lambda mu: at(mu, *given), grid)
     tables = [np.array(each).reshape(-1, 2) * [1.0, fmax] for each in (onsets, recoveries)]
     return *(column.copy() for table in tables for column in table.T), np.array(entries), divergence
+
+
+def onsets_along(
+    own: Structure, fmax: float, friction: Friction, values: dict[str, float], name: str, low: float, high: float
+) -> Array:
+    """`falling.falling_crossings` of a structure with several contacts: value, frequency over fmax, 1 or -1."""
+    at = exponents_at(own, fmax, friction)
+    grid = np.geomspace(low, high, CELLS + 1) if low > 0.0 else np.linspace(low, high, CELLS + 1)
+    onsets, recoveries, *_ = crossings(lambda value: at(**values | {name: value}), grid.tolist())
+    found = [(*each, sign) for each, sign in [(each, 1) for each in onsets] + [(each, -1) for each in recoveries]]
+    return np.array(sorted(found)).reshape(-1, 3)
 
 
 def sides(own: Structure, soft: Complex, mu: float) -> tuple[Any, Any, Any, Any, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -13,9 +13,12 @@ from fivcore import Scene, Transient, Until, checks
 from studies import paper, summary
 from studies.motion import ensemble, regimes, run, series
 from studies.motion.jobs import Job, outcomes
-from studies.plotting import general
+from studies.plotting import contacts, general
 from studies.study import Parameter, Study
 from sweeps import Variable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 OUTPUTS: dict[str, Variable] = {
     name: replace(variable, scale="load") if name in run.SCALED else variable
@@ -70,6 +73,11 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield f"Scenes{more}", table
 
 
+def draw(dataset: xr.Dataset) -> Figure:
+    """Regimes, or where the state of several contacts was recorded, who sticks, slips and is open."""
+    return contacts.draw(dataset) if "contact_state" in dataset else general.draw_regimes(dataset)
+
+
 STUDY = Study(
     name="scenes",
     title="Scenes: any grid over V, theta, mu and F",
@@ -92,7 +100,7 @@ STUDY = Study(
     function=motions,
     check=check,
     summary=summarise,
-    figure=general.draw_regimes,
+    figure=draw,
     normalised=True,
     chaotic=True,
 )  # fmt: skip

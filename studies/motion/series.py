@@ -7,6 +7,7 @@ Frequencies above half the sampling rate fold into those below; spikes of micros
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -42,8 +43,16 @@ SERIES = {
         "1", "state of the contact, sampled", ("elapsed",), "int8", flags=dict(enumerate(runs.STATES))
     ),
 }
+# Of each of several contacts.
+SERIES |= {
+    f"contact_{name}": replace(each, long_name=f"{each.long_name}, of each contact", dims=("elapsed", "contact"))
+    for name, each in SERIES.items()
+    if name != "velocity_B"
+}
 # What multiplies the series of a normalised scene.
-FACTORS = {"velocity_B": "along", "normal_force": "load", "tangential_force": "along", "slip_velocity": "along"}
+FACTORS = {
+    name: "load" if name.endswith("normal_force") else "along" for name in SERIES if not name.endswith("state")
+}
 
 
 def even_times(duration: float, sample_rate: float) -> Axis:
@@ -65,13 +74,15 @@ def coords(*, duration: float, sample_rate: float) -> dict[str, Axis]:
 def kept(run: Transient, record: Sequence[str]) -> dict[str, Any]:
     """The recorded series of a run, as they are stored."""
     return {
-        name: getattr(run, name) if name == "state" else getattr(run, name).astype(np.float32) for name in record
+        name: getattr(run, name) if name.endswith("state") else getattr(run, name).astype(np.float32)
+        for name in record
     }
 
 
 def sampling(record: Sequence[str], times: Array | None) -> dict[str, Any]:
     """Options of `simulate` by which it keeps series at these times; none where nothing is recorded."""
-    return {"record": tuple(record), "sample_times": times} if len(record) else {"record": False}
+    names = tuple({name.removeprefix("contact_"): None for name in record})
+    return {"record": names, "sample_times": times} if names else {"record": False}
 
 
 def histories(
