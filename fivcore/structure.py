@@ -339,11 +339,15 @@ class Structure(ContactModel, ReadOnlyArrays):
     def equilibrium(self, F: float = 1.0) -> tuple[Array, Array]:
         """Normal forces, N, and gaps, m, of the contacts, each (c,), at rest under the load F, N, with T = 0.
 
-        Of one contact, which the load closes, the force is F times the preload.
+        Of one contact, which the load closes, the force is F times the preload. Where it closes none this is an
+        `InputError`.
         """
         if self.gap is None:
             return np.array([F * self.preload]), np.zeros(1)
-        return resting(self.stiffness, self.normal, F * self.load, self.gap)
+        forces, gaps = resting(self.stiffness, self.normal, F * self.load, self.gap)
+        if not forces.any():
+            raise InputError(f"F = {F:g}: no contact is closed; the least gap is {gaps.min():.3g} m")
+        return forces, gaps
 
     @cached_property
     def preload(self) -> float:

@@ -116,7 +116,8 @@ def friction_in(dataset: xr.Dataset) -> Friction:
 def first_onsets(dataset: xr.Dataset, rig: Any) -> tuple[tuple[Any, ...], Array, Array]:
     """`first_growth` up to the largest mu along theta, and along V and F if they matter: dimensions and values."""
     law, largest = friction_in(dataset), float(dataset["mu"].max())
-    names = ("theta",) if law.constant else ("theta", "V", "F")
+    alike = law.constant and not np.any(getattr(rig, "gap", None))
+    names = ("theta",) if alike else ("theta", "V", "F")
     columns = xr.broadcast(*(dataset[name].reset_coords(drop=True) for name in names))
     points, found = (
         np.stack([column.values.ravel() for column in columns], axis=1),

@@ -466,7 +466,8 @@ def _scale_of_friction(own: Structure, most: float) -> float:
     """
     papers, limit = flutter_onsets(Rig(), paper.THETA).mu[0], np.inf
     try:
-        found = flutter_onsets(own, 0.0, mu_max=MOST_FRICTION)
+        # With initial gaps the load decides which contacts are closed.
+        found = flutter_onsets(own, 0.0, mu_max=MOST_FRICTION, F=paper.LOAD)
         limit = painleve_mu(own, 0.0)
     except (ArithmeticError, SceneError):
         return 1.0

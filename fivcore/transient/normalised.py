@@ -95,6 +95,8 @@ class State:
         State
         """
         q, v = np.asarray(displacement), np.asarray(velocity)
+        if scene.rig.contacts > 1:
+            return _of_several(cls, scene, q, v)
         if contact is None:
             full = full_model(scene.rig, scene.theta)
             parts = full.normal[: len(q)] * q
@@ -120,6 +122,15 @@ class State:
         ended = run.time >= run.options.ramp * (1.0 - 1e-12)
         vars(state).update(running=ended, time=run.time, origin=(scene, run, last_row))
         return state
+
+
+def _of_several(cls: type[State], scene: Scene, q: Array, v: Array) -> State:
+    """`State.of` with several contacts, whose statuses gaps and slip rates give."""
+    full, n = full_model(scene.rig, scene.theta), len(q)
+    gaps, size = full.gap + full.normal[:, :n] @ q, np.abs(full.normal[:, :n]) @ np.abs(q)
+    rates = full.tangential[:, : len(v)] @ v - scene.V
+    statuses = np.where(gaps > 1e-9 * size, 0, np.where(np.abs(rates) <= 1e-9 * abs(scene.V), 1, 2))
+    return cls(q, v, int(statuses.min()), True, statuses)
 
 
 def static_displacement(model: ReducedModel, full: ReducedModel, u: Array) -> Array:

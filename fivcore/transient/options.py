@@ -416,4 +416,9 @@ def _state(given: State, scene: Scene, normalised: Normalised) -> State:
         )
     q, v = (part.astype(float) / normalised.load for part in (q, v))
     q, v = (np.pad(part, (0, modes + own.static - len(part))) for part in (q, v))
-    return State(q, v, int(contact), given.running)
+    if given.statuses is not None:
+        statuses = np.asarray(given.statuses)
+        if statuses.shape != (own.contacts,) or not np.isin(statuses, (0, 1, 2)).all():
+            text = f"they must be {own.contacts}, each 0 (separation), 1 (stick) or 2 (slip)"
+            raise InputError(f"initial: statuses {checks.short(given.statuses)}: {text}")
+    return State(q, v, int(contact), given.running, given.statuses)

@@ -120,10 +120,12 @@ def mapped(state: State | None, before: Scene, after: Scene) -> tuple[State, flo
     steady sliding at one speed becomes that at another.
     """
     assert state is not None
+    if np.any(getattr(after.rig, "gap", None)):
+        raise InputError("structure: with initial gaps a state at another load is not mapped; give gap = 0")
     old, new = (full_model(scene.rig, scene.drive_theta) for scene in (before, after))
     q = state.displacement + _load(after) * new.static_equilibrium - _load(before) * old.static_equilibrium
     jump = np.abs(new.shapes @ state.velocity - old.shapes @ state.velocity).max() / abs(after.V)
-    return State(q, state.velocity, state.contact, running=True), float(jump)
+    return State(q, state.velocity, state.contact, running=True, statuses=state.statuses), float(jump)
 
 
 def _load(scene: Scene) -> float:

@@ -91,8 +91,8 @@ def linear_stability(scene: Scene, cutoff: float | None, numerical_damping: str)
     rig = with_numerical_damping(scene.rig, run.METHOD, numerical_damping)
     model = reduced_model(rig, theta, cutoff)
     friction, found = scene.friction, np.empty(0, dtype=complex)
-    # In rigid contact only rounding holds the gap of a lasting contact: there is no such map.
-    if model.K.any():
+    # In rigid contact only rounding holds the gap of a lasting contact, and several have no such map.
+    if model.K.any() and scene.rig.contacts == 1:
         kinetic, fall = sliding_point(modal_structure(rig, theta), friction, mu, abs(scene.V), scene.F)
         found = eigenvalues(model, kinetic, model.default_step, fall)
     model_rate = model_frequency = np.nan

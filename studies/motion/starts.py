@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fivcore import Scene, State, checks, sliding_modes
 from fivcore.errors import InputError, SceneError
+from fivcore.rig import one_contact
 from fivcore.stability.exponents import sliding_shape
 from fivcore.stability.falling import wedging
 from fivcore.structure import Structure, modal_structure
@@ -40,6 +41,7 @@ SETTINGS = {
 
 def equilibrium(scene: Scene, about: str = "sliding") -> Array:
     """Modal displacements of steady sliding (T = mu(V) N), or of rest under the load (T = 0), with V > 0."""
+    one_contact(scene.rig, "starts are those of one contact")
     own = modal_structure(scene.rig, scene.theta).motion
     mu = scene.mu * scene.friction.ratio(scene.V) if about == "sliding" else 0.0
     held, rigid = 1.0 + wedging(own) * mu, own.stiffness == 0.0
@@ -60,6 +62,7 @@ def directions(scene: Scene, names: Sequence[str], mode: int = 0, second_mode: i
     is the least stable. Their shapes leave the contact closed. A knock acts on P1 alone, of a structure from
     matrices on the bodies that are loaded, of one from modes on both sides of the contact.
     """
+    one_contact(scene.rig, "starts are those of one contact")
     own = modal_structure(scene.rig, scene.theta).motion
     made = np.zeros((len(names), 2, len(own.stiffness)))
     for k, name in enumerate(names):

@@ -1,4 +1,4 @@
-"""Who sticks, slips and is open, over time and along the contacts of a structure that touches in several places."""
+"""Who sticks, slips and is open, over time and along the contacts of a structure with several."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WIDE, CLOSE = 1500, 300
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """The recorded `contact_state` of the first point: all of it and its end; and each contact's shares of time."""
+    """The recorded `contact_state` of the first point, all of it and its end, and shares of time."""
     from matplotlib.colors import ListedColormap
 
     point = dataset.isel({dim: 0 for dim in dataset["status"].dims})
