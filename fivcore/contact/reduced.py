@@ -30,6 +30,7 @@ from fivcore.contact.several import unique_up_to, with_local
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import ContactModel, Rig
+from fivcore.statics import resting
 from fivcore.structure import SLENDER, modal_structure
 
 MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "output", "load")
@@ -230,8 +231,8 @@ def full_model(rig: ContactModel, theta: float) -> ReducedModel:
     )  # fmt: skip
     if own.gap is None:
         return model
-    forces, gaps = own.equilibrium(1.0 / own.preload), np.zeros(2 * own.contacts)
-    return replace(model, gap=own.gap, friction=own.friction, forces=forces[0], load_gap=gaps)
+    forces, gaps = resting(own.stiffness, own.normal, load, own.gap)[0], np.zeros(2 * own.contacts)
+    return replace(model, gap=own.gap, friction=own.friction, forces=forces, load_gap=gaps)
 
 
 def default_cutoff(rig: ContactModel) -> float:

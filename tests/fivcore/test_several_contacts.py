@@ -4,7 +4,20 @@ import numpy as np
 import pytest
 from scipy import io, sparse
 
-from fivcore import ContactError, InputError, Scene, Structure, glued_frequencies, lyapunov_exponent, simulate
+from fivcore import (
+    ContactError,
+    Friction,
+    InputError,
+    Scene,
+    State,
+    Structure,
+    flutter_onsets,
+    glued_frequencies,
+    lyapunov_exponent,
+    simulate,
+    sliding_modes,
+    sliding_onsets,
+)
 from fivcore.transient.fast.several import SeveralRun
 from tests.helpers.several import drawn, paper_rig, repeated, two_beams
 
@@ -194,6 +207,44 @@ def test_a_run_goes_on_with_the_same_bits():
     )
     for name in ("velocity_B", "contact_normal_force", "contact_state"):
         assert np.array_equal(np.concatenate([getattr(first, name), getattr(second, name)]), getattr(whole, name))
+
+
+def test_a_load_that_closes_no_contact_is_refused():
+    own = springs([1e-3, 1e-3, 1e-3])
+    with pytest.raises(InputError, match="F = 1: no contact is closed; the least gap is 0.00085 m"):
+        own.equilibrium(1.0)
+    with pytest.raises(InputError, match="F = 1: it closes none of 3 contacts"):
+        simulate(Scene(0.02, 0.0, 0.3, 1.0, own), 0.1)
+    with pytest.raises(InputError, match="F is missing"):
+        flutter_onsets(own, 0.0)
+    with pytest.raises(InputError, match="no contact is closed"):
+        flutter_onsets(own, 0.0, F=1.0)
+
+
+def test_a_state_says_which_contacts_are_open():
+    own = springs([0.0, 1e-4, 0.0])
+    q = np.linalg.solve(np.diag(own.stiffness), own.load + own.equilibrium(1.0)[0] @ own.normal)
+    state = State.of(Scene(0.02, 0.0, 0.3, 1.0, own), q, np.zeros(6))
+    assert state.statuses.tolist() == [2, 0, 2]
+    assert state.contact == 0
+    found = simulate(Scene(0.02, 0.0, 0.3, 1.0, own), 0.01, initial=state, record=True, sample_rate=None)
+    assert found.contact_state[0].tolist() == [2, 0, 2]
+    wrong = State(q, np.zeros(6), 1, True, np.array([1, 1]))
+    with pytest.raises(InputError, match="they must be 3"):
+        simulate(Scene(0.02, 0.0, 0.3, 1.0, own), 0.01, initial=wrong)
+
+
+def test_onsets_along_friction_and_speed():
+    own, friction = drawn(9), Friction(0.5, 0.05)
+    for parameter, low, high in (("mu", 0.1, 1.0), ("V", 0.01, 1.0)):
+        found = sliding_onsets(Scene(0.1, 0.0, 0.5, 10.0, own, friction), parameter, low, high, 2e3)
+        for value, change in zip(found.value, found.change, strict=True):
+            rates = []
+            for each in (value * (1.0 - 1e-5), value * (1.0 + 1e-5)):
+                at = {"mu": 0.5, "V": 0.1} | {parameter: each}
+                given = {"friction": friction, "V": at["V"], "F": 10.0}
+                rates.append(np.sum(sliding_modes(own, 0.0, at["mu"], 2e3, **given).growth_rate > 0.0))
+            assert rates[1] - rates[0] == change
 
 
 def test_initial_gaps_make_a_scene_depend_on_its_load():

@@ -247,6 +247,9 @@ def law_of(model: ReducedModel, scene: Normalised, step: float) -> Law:
 def checked_step(model: ReducedModel, scene: Normalised, options: RunOptions) -> float:
     """Step of a run, s, if it is stable and not too short."""
     least, step, c = least_step(model, options.duration), options.step, len(model.normal)
+    if not np.any(model.forces):
+        text = "a larger load or smaller gaps would"
+        raise SceneValueError(f"F = {scene.load / scene.rig.preload:g}: it closes none of {c} contacts; {text}")
     if step is None:
         step = model.default_step
         if not model.K.any():
