@@ -105,8 +105,9 @@ class ContactModel:
     # Normal force at rest for a unit load, and the unit of the times that a run chooses by itself.
     preload: Any = 1.0
     time_scale: Any = 1.0
-    # Number of places in which it touches.
+    # Number of places in which it touches; whether these are several, or one with a gap or a factor of mu.
     contacts: Any = 1
+    several: Any = False
     d1: float
     d2: float
     _repr_html_: Any
@@ -118,8 +119,9 @@ class ContactModel:
 
 def one_contact(rig: ContactModel, what: str) -> None:
     """Raise for a structure with several contacts; `what` needs one, and why."""
-    if rig.contacts > 1:
-        raise InputError(f"structure: it touches in {rig.contacts} places; {what}")
+    if rig.several:
+        places = f"in {rig.contacts} places" if rig.contacts > 1 else "with a gap or a factor of mu"
+        raise InputError(f"structure: it touches {places}; {what}")
 
 
 def checked_theta(name: str, rig: Any, theta: Any) -> float:

@@ -307,7 +307,7 @@ class Structure(ContactModel, ReadOnlyArrays):
 
     def __repr__(self) -> str:
         top = self.frequency[-1] if len(self.frequency) else 0.0
-        several = f"{self.contacts} contacts, " if self.contacts > 1 else ""
+        several = f"{self.contacts} contacts, " if self.several else ""
         return f"Structure({several}{len(self.frequency)} modes up to {top:.6g} Hz, {self.digest[:12]})"
 
     def _repr_html_(self) -> str:
@@ -335,6 +335,11 @@ class Structure(ContactModel, ReadOnlyArrays):
     def contacts(self) -> int:
         """Number of places in which the structure touches."""
         return 1 if self.gap is None else len(self.gap)
+
+    @property
+    def several(self) -> bool:
+        """Whether these are several, or one with an initial gap or a factor of mu."""
+        return self.gap is not None
 
     def equilibrium(self, F: float = 1.0) -> tuple[Array, Array]:
         """Normal forces, N, and gaps, m, of the contacts, each (c,), at rest under the load F, N, with T = 0.

@@ -246,7 +246,7 @@ class Study:
         grid = self._grid(axes, draws, columns, samples, seed)
         check_size(grid)
         outputs, coords = dict(self.outputs), dict(inner) | self._coords(fixed, grid.axes)
-        if structure is not None and own.contacts > 1 and self.by_contact:
+        if structure is not None and own.several and self.by_contact:
             outputs |= self.by_contact
             coords["contact"] = Axis(np.arange(own.contacts), "1", "contact, from 0")
         for name, variable in outputs.items() if followed else ():

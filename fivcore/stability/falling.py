@@ -137,7 +137,7 @@ def sliding_onsets(scene: Scene, parameter: str, low: float, high: float, fmax: 
     if scene.V < 0.0 and not isinstance(scene.rig, Rig):
         own = own.mirrored()
     values = {"mu": scene.mu, "V": abs(scene.V), "F": scene.F}
-    if own.contacts > 1:
+    if own.several:
         found = onsets_along(own, band, scene.friction, values, parameter, start, end)
     elif not scene.friction.constant:
         found = falling_crossings(own, band, scene.friction, values, parameter, start, end)

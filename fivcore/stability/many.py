@@ -141,7 +141,7 @@ def flutter_onsets(
     angle = checked_theta("rig", rig, theta)
     speed, load = checked_sliding(friction, V, F)
     band, most = checks.band(fmax), checks.between("mu_max", mu_max, 1e-12, 1e6, "a coefficient of friction")
-    if rig.contacts > 1:
+    if rig.several:
         several = onsets_of_several(modal_structure(rig, 0.0), band, most, friction, speed, load)
         return FlutterOnsets(*several)
     if isinstance(rig, Rig) and friction.kinetic_ratio == 1.0:

@@ -83,7 +83,7 @@ class SlidingModes(ReadOnlyArrays):
             theta = float(self.theta[index[:-1]])
             phi = complex(self.growth_rate[index], 2.0 * np.pi * self.frequency[index])
             falling, alone = not self.friction.constant, bool(self.uncoupled[index])
-            if rig.contacts > 1:
+            if rig.several:
                 V, F = (None if each is None else float(each[index[:-1]]) for each in (self.V, self.F))
                 q = shape_of_several(rig, self.fmax, phi, self.friction, float(self.mu[index[:-1]]), V, F)
             else:
@@ -152,7 +152,7 @@ def sliding_modes(
         names += f", {name}"
     angles, frictions = (np.broadcast_to(each, shape).copy() for each in (angles, frictions))
     V, F = (None if each is None else np.broadcast_to(each, shape).copy() for each in (V, F))
-    if rig.contacts > 1:
+    if rig.several:
         return _of_several(modal_structure(rig, 0.0), band, angles, frictions, friction, V, F)
     m, k = frictions.ravel() * friction.kinetic_ratio, np.zeros(frictions.size)
     groups = {angle: np.flatnonzero(angles.ravel() == angle) for angle in np.unique(angles).tolist()}

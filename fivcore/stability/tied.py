@@ -41,7 +41,7 @@ def glued_frequencies(rig: ContactModel, theta: float, count: int = 8) -> Array:
         For an argument out of range.
     """
     own = modal_structure(rig, checked_theta("rig", rig, theta))
-    if own.contacts > 1:
+    if own.several:
         found = tied_modes(own.stiffness, np.vstack([own.normal, own.tangential]), own.static)[0]
         return np.asarray(np.sqrt(found[: checks.count("count", count, len(found))]) / (2.0 * np.pi))
     stiffness, normal, tangential = own.stiffness, own.normal, own.tangential

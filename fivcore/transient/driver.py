@@ -29,7 +29,7 @@ from fivcore.transient.summary import summarise
 from fivcore.transient.until import StoppingRule
 
 METHODS: dict[str, Callable[[Normalised, RunOptions], Run]] = {
-    "fast": lambda scene, options: (FastRun if scene.rig.contacts == 1 else SeveralRun)(scene, options),
+    "fast": lambda scene, options: (FastRun if not scene.rig.several else SeveralRun)(scene, options),
     "exact": ExactRun,
     "paper": PaperRun,
 }

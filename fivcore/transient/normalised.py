@@ -95,7 +95,7 @@ class State:
         State
         """
         q, v = np.asarray(displacement), np.asarray(velocity)
-        if scene.rig.contacts > 1:
+        if scene.rig.several:
             return _of_several(cls, scene, q, v)
         if contact is None:
             full = full_model(scene.rig, scene.theta)

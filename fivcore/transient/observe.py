@@ -82,7 +82,7 @@ class Record:
     def __init__(
         self, normalised: Normalised, names: Sequence[str], times: Array | None = None, last: Array | None = None
     ) -> None:
-        self._contacts = c = 0 if normalised.rig.contacts == 1 else normalised.rig.contacts
+        self._contacts = c = 0 if not normalised.rig.several else normalised.rig.contacts
         own = [f"contact_{name}" for name in CONTACT_SERIES if name in names and c]
         self._columns: dict[str, Any] = {name: SERIES[name] for name in names}
         for name in own:

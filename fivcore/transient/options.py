@@ -311,7 +311,7 @@ def run_options(scene: Scene, normalised: Normalised, duration: Any, options: Op
     """Check options for a scene; a `ValueError` names the first that does not suit it."""
     until = duration if isinstance(duration, Until) else None
     duration = checks.between("duration", until.most if until else duration, *DURATION)
-    if scene.rig.contacts > 1 and options.method != "fast":
+    if scene.rig.several and options.method != "fast":
         what = "goes from one contact's event to the next" if options.method == "exact" else "has one contact"
         raise InputError(f"method = {options.method!r}: it {what}; with several contacts use 'fast'")
     rate, times = options.sample_rate, options.sample_times

@@ -142,7 +142,7 @@ def request(scene: Scene, duration: Any, options: Options) -> tuple[Scene, Norma
 
 def _reaching(scene: Normalised, own: Structure) -> Structure:
     """The structure with the cut-off that its motion needs: modes that grow just below the usual one need more."""
-    if own.contacts > 1 or own.cutoff is None or own.reaching == own:
+    if own.several or own.cutoff is None or own.reaching == own:
         return own
     try:
         model = reduced_model(own, scene.theta)

@@ -75,7 +75,7 @@ def structure(file: str, out: str | None, fmax: str, mu: float, load: str) -> No
     own: Any = Structure.from_dict(structure_of(file))
     force = checks.between("--load", spec.one(load, "load", "N"), 1e-100, 1e100, "N")
     show("\n".join(described(own)))
-    if own.contacts > 1:
+    if own.several:
         show("\n".join(contacts(own, force)))
     onsets = None
     try:
@@ -107,7 +107,7 @@ def described(own: Structure) -> Iterator[str]:
         ratio = damping / (4.0 * np.pi * own.frequency)
     heads = ["mode", "frequency Hz", "normal", "tangential", "load", "output", "damping ratio"]
     parts = [own.frequency, own.normal, own.tangential, own.load, own.output, ratio]
-    if own.contacts > 1:
+    if own.several:
         del heads[2:4], parts[1:3]
     table = zip(*parts, strict=False)
     rows = [(f"{k}", f"{row[0]:.6g}", *(f"{each:.4g}" for each in row[1:])) for k, row in enumerate(table, 1)]
@@ -120,7 +120,7 @@ def described(own: Structure) -> Iterator[str]:
     except InputError:
         preload = "none"
     found: dict[str, Any] = {"preload (normal force at rest for a unit load)": preload}
-    for name, row in (("normal", own.normal), ("tangential", own.tangential)) if own.contacts == 1 else ():
+    for name, row in (("normal", own.normal), ("tangential", own.tangential)) if not own.several else ():
         elastic = own.stiffness > 0.0
         compliance = float(np.sum(row[elastic] ** 2 / own.stiffness[elastic]))
         found[f"{name} effective mass, kg"] = f"{effective_mass(own, row):.6g}"

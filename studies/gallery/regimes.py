@@ -92,7 +92,7 @@ def linear_stability(scene: Scene, cutoff: float | None, numerical_damping: str)
     model = reduced_model(rig, theta, cutoff)
     friction, found = scene.friction, np.empty(0, dtype=complex)
     # In rigid contact only rounding holds the gap of a lasting contact, and several have no such map.
-    if model.K.any() and scene.rig.contacts == 1:
+    if model.K.any() and not scene.rig.several:
         kinetic, fall = sliding_point(modal_structure(rig, theta), friction, mu, abs(scene.V), scene.F)
         found = eigenvalues(model, kinetic, model.default_step, fall)
     model_rate = model_frequency = np.nan

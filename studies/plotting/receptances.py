@@ -30,7 +30,7 @@ def draw(
     low = 0.3 * min(elastic.min(initial=fmax), 0.1 * fmax)
     # Peaks are narrower than any even spacing.
     frequency = np.union1d(np.geomspace(low, fmax, POINTS), elastic)
-    contact = int(np.argmax(structure.equilibrium(load)[0])) if structure.contacts > 1 else 0
+    contact = int(np.argmax(structure.equilibrium(load)[0])) if structure.several else 0
     normal, cross = structure.receptances(frequency, contact=contact)
     tangential = structure.receptances(frequency, 1.0, contact)[1] - cross
     curves = {"h_NN": normal, "h_NT": cross, "h_TT": tangential}
@@ -55,7 +55,7 @@ def draw(
         if right.get_legend_handles_labels()[0]:
             right.legend(loc="best")
     right.set(xlabel="coefficient of friction μ", ylabel="growth rate / (1/s)")
-    where = f"receptances at contact {contact}" if structure.contacts > 1 else "receptances at the contact"
+    where = f"receptances at contact {contact}" if structure.several else "receptances at the contact"
     figures.letter((left, right), (where, "least stable mode of steady sliding"))
     figure.suptitle(repr(structure))
     return figure

@@ -221,6 +221,21 @@ def test_a_load_that_closes_no_contact_is_refused():
         flutter_onsets(own, 0.0, F=1.0)
 
 
+def test_one_contact_with_a_gap_is_as_several():
+    own = Structure.from_modes(
+        [5.0, 50.0], [[1.0, 0.2]], [[0.1, 1.0]], load=[-1.0, 0.0], gap=1e-5, damping_ratio=0.01
+    )
+    assert own.contacts == 1
+    closing = 1e-5 * own.stiffness[0]
+    with pytest.raises(InputError, match="no contact is closed"):
+        own.equilibrium(0.9 * closing)
+    found = simulate(Scene(0.02, 0.0, 0.3, 10.0 * closing, own), 0.5, settle=0.1)
+    assert found.summary["contact_separation_fraction"].shape == (1,)
+    assert found.summary["energy_residual"] < 1e-2
+    with pytest.raises(InputError, match="with a gap"):
+        lyapunov_exponent(Scene(0.02, 0.0, 0.3, 10.0 * closing, own), 0.1)
+
+
 def test_a_state_says_which_contacts_are_open():
     own = springs([0.0, 1e-4, 0.0])
     q = np.linalg.solve(np.diag(own.stiffness), own.load + own.equilibrium(1.0)[0] @ own.normal)

@@ -92,7 +92,6 @@ def foot(c, theta=5.0):
         along, across = hermite(rig.p2, rig.contact_position + arm)
         normal = np.append(upper.shapes[-1, 1] + arm * upper.shapes[-1, 2], -across @ bent)
         rows.append((normal, np.append(upper.shapes[-1, 0], -along @ lower.shapes[1:, 0])))
-    gaps = {
-        name: np.stack(each) for name, each in zip(("normal", "tangential"), zip(*rows, strict=True), strict=True)
-    }
-    return replace(own, **gaps, gap=np.zeros(c), friction=np.ones(c), struck=None)
+    normal, tangential = map(np.stack, zip(*rows, strict=True))
+    given = {"normal": normal, "tangential": tangential, "gap": np.zeros(c), "friction": np.ones(c)}
+    return replace(own, **given, struck=None)
