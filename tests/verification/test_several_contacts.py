@@ -148,15 +148,34 @@ def test_shapes_solve_the_equations():
         assert np.abs(rest).max() < 1e-7 * np.abs(force).max()
 
 
-def test_two_contacts_in_one_place_are_one():
+@pytest.mark.parametrize(
+    ("friction", "mu", "error"),
+    [(Friction(), 0.1, 1e-9), (Friction(0.8, 0.0), 0.1, 1e-9), (Friction(0.8, 0.05), 0.1, 1e-6)],
+)
+def test_two_contacts_in_one_place_are_one(friction, mu, error):
+    """With friction that falls with the speed each contact is solved by itself in turn."""
     own = paper_rig()
     given = {"cutoff": 94e3, "record": True, "sample_rate": None}
-    one, two = (simulate(Scene(0.02, 0.0, 0.1, 9.0, each), 0.01, **given) for each in (own, repeated(own)))
+    one, two = (
+        simulate(Scene(0.02, 0.0, mu, 9.0, each, friction), 6e-3, **given) for each in (own, repeated(own))
+    )
     assert one.summary["first_slip_time"] == two.summary["first_slip_time"]
     for name in ("velocity_B", "normal_force", "tangential_force"):
         known = getattr(one, name)
-        assert getattr(two, name) == pytest.approx(known, abs=1e-9 * np.abs(known).max())
+        assert getattr(two, name) == pytest.approx(known, abs=error * np.abs(known).max())
     assert np.array_equal(one.state, two.state)
+
+
+def test_two_contacts_in_one_place_vibrate_as_one():
+    own, given = paper_rig(), {"cutoff": 94e3}
+    one, two = (simulate(Scene(2e-3, 0.0, 0.2, 9.0, each), 1.0, **given).summary for each in (own, repeated(own)))
+    for name in ("stick_fraction", "separation_fraction"):
+        assert two[name] == pytest.approx(
+            one[name], abs=0.01 + 3.0 * np.hypot(one[f"{name}_se"], two[f"{name}_se"])
+        )
+    assert two["velocity_rms"] == pytest.approx(one["velocity_rms"], rel=0.15)
+    assert two["energy_residual"] < 0.01
+    assert two["contact_mean_normal_force"] == pytest.approx([4.5, 4.5], abs=0.1)
 
 
 def test_a_perturbation_grows_by_its_exponent():
