@@ -19,19 +19,9 @@ from fivcore.contact.several import step_matrices
 from fivcore.contact.step_map import at_most
 from fivcore.errors import ContactError, SceneValueError, not_unique
 from fivcore.jit import Array
+from fivcore.transient.fast import several_kernel as kernels
 from fivcore.transient.fast.run import FAST_DECAY, least_step
-from fivcore.transient.fast.several_kernel import (
-    COUNTERS,
-    MAX_N,
-    MAX_SLIP,
-    OPEN_TIME,
-    SUM_N,
-    SWITCHES,
-    Law,
-    Motion,
-    start,
-    take_steps,
-)
+from fivcore.transient.fast.several_kernel import Law, Motion, start, take_steps
 from fivcore.transient.normalised import Normalised, State, residual_gaps
 from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, first_counted
@@ -101,7 +91,7 @@ class SeveralRun(SteppedRun):
         matrix = law.matrix[np.append(np.full(c, STICK), status), rows]
         self.motion = Motion(
             moved, rates, u, force, model.shapes @ rates, anchor, np.zeros(c), status.astype(np.int64),
-            status.astype(np.int64), np.zeros(c, np.int64), np.zeros((c, COUNTERS)), np.ascontiguousarray(matrix),
+            status.astype(np.int64), np.zeros(c, np.int64), np.zeros((c, kernels.COUNTERS)), np.ascontiguousarray(matrix),
             np.eye(2 * c), work, np.zeros(n),
         )  # fmt: skip
         self._place_shift()
@@ -180,15 +170,17 @@ class SeveralRun(SteppedRun):
     def by_contact(self) -> dict[str, Any]:
         """Figures of each contact, (c,), in the scene's units; NaN before statistics begin."""
         F, table = self.scene.load, self.motion.counters.copy()
-        total = table[0, : OPEN_TIME + 1].sum()
+        total = table[0, : kernels.OPEN_TIME + 1].sum()
         settled = self.time > float(self.record["settled_from"][0]) and total > 0.0
         table = table if settled else np.full(table.shape, np.nan)
-        shares = dict(zip(("stick", "slip", "separation"), table[:, : OPEN_TIME + 1].T / total, strict=True))
+        shares = dict(
+            zip(("stick", "slip", "separation"), table[:, : kernels.OPEN_TIME + 1].T / total, strict=True)
+        )
         return {f"contact_{name}_fraction": share for name, share in shares.items()} | {
-            "contact_mean_normal_force": F * table[:, SUM_N] / total,
-            "contact_max_normal_force": F * table[:, MAX_N],
-            "contact_max_slip_speed": F * table[:, MAX_SLIP],
-            "contact_switches_per_second": table[:, SWITCHES] / total,
+            "contact_mean_normal_force": F * table[:, kernels.SUM_N] / total,
+            "contact_max_normal_force": F * table[:, kernels.MAX_N],
+            "contact_max_slip_speed": F * table[:, kernels.MAX_SLIP],
+            "contact_switches_per_second": table[:, kernels.SWITCHES] / total,
             "unsolved_steps": int(self.counts[4]),
         }
 
