@@ -89,10 +89,10 @@ class SeveralRun(SteppedRun):
             anchor = u[c:] + model.tangential @ moved + law.at_rest[c:] - 0.5 * step * speed
         work, rows = np.zeros((14, 2 * c)), np.concatenate([np.arange(c), c + np.arange(c)])
         matrix = law.matrix[np.append(np.full(c, STICK), status), rows]
+        held, counters = np.zeros(c, np.int64), np.zeros((c, kernels.COUNTERS))
         self.motion = Motion(
             moved, rates, u, force, model.shapes @ rates, anchor, np.zeros(c), status.astype(np.int64),
-            status.astype(np.int64), np.zeros(c, np.int64), np.zeros((c, kernels.COUNTERS)), np.ascontiguousarray(matrix),
-            np.eye(2 * c), work, np.zeros(n),
+            status.astype(np.int64), held, counters, matrix.copy(), np.eye(2 * c), work, np.zeros(n),
         )  # fmt: skip
         self._place_shift()
         self.record["contact"] = status_of_all(status, law.closed)
@@ -170,12 +170,11 @@ class SeveralRun(SteppedRun):
     def by_contact(self) -> dict[str, Any]:
         """Figures of each contact, (c,), in the scene's units; NaN before statistics begin."""
         F, table = self.scene.load, self.motion.counters.copy()
-        total = table[0, : kernels.OPEN_TIME + 1].sum()
-        settled = self.time > float(self.record["settled_from"][0]) and total > 0.0
-        table = table if settled else np.full(table.shape, np.nan)
-        shares = dict(
-            zip(("stick", "slip", "separation"), table[:, : kernels.OPEN_TIME + 1].T / total, strict=True)
-        )
+        times = table[:, : kernels.OPEN_TIME + 1].T
+        total = times[:, 0].sum()
+        if not (self.time > float(self.record["settled_from"][0]) and total > 0.0):
+            table[:] = total = np.nan
+        shares = dict(zip(("stick", "slip", "separation"), times / total, strict=True))
         return {f"contact_{name}_fraction": share for name, share in shares.items()} | {
             "contact_mean_normal_force": F * table[:, kernels.SUM_N] / total,
             "contact_max_normal_force": F * table[:, kernels.MAX_N],
