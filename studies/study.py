@@ -213,8 +213,8 @@ class Study:
                 for outputs in (self.outputs, self.by_contact)
             )
             study = replace(self, normalised=False, outputs=plain, by_contact=own_plain)
-            others: dict[str, Any] = {"samples": samples, "seed": seed, "structure": structure}
-            return study.sweep(values, rows=rows, record=record, sample_rate=sample_rate, **others)
+            how: dict[str, Any] = {"samples": samples, "seed": seed, "structure": structure}
+            return study.sweep(values, rows=rows, record=record, sample_rate=sample_rate, **how)
         requested = {name: self._read(name, value) for name, value in values.items()}
         draws = {name: value for name, value in requested.items() if hasattr(value, "ppf")}
         columns = {name: self._column(name, column) for name, column in (rows or {}).items()}

@@ -285,7 +285,7 @@ def onsets_along(
     return np.array(sorted(found)).reshape(-1, 3)
 
 
-def sides(own: Structure, soft: Complex, mu: float) -> tuple[Any, Any, Any, Any, Any]:
+def sides(own: Structure, soft: Any, mu: float) -> tuple[Any, Any, Any, Any, Any]:
     """The gap that stays closed, (n,), the force of an exponent that keeps it so, and their changes.
 
     `soft` are the modes' responses 1 / (p + c phi + phi^2). Both change as normal and tangential directions turn,
