@@ -24,6 +24,7 @@ from fivcore.errors import (
 )
 from fivcore.jit import Array
 from fivcore.rig import ContactModel, Rig, Scene, checked_theta, one_contact
+from fivcore.stability.several import exponents_at
 from fivcore.structure import GROWTH_REACH, Structure
 from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
@@ -177,8 +178,12 @@ def growing_frequencies(
     ValueError, ContactError
         For a bad argument; where the contact force is not unique.
     """
-    one_contact(scene.rig, "what grows there is found from one contact's steps; use sliding_modes")
     _, scaled, options = request(scene, 1.0, Options(cutoff=cutoff, numerical_damping=numerical_damping))
+    if scene.rig.several:
+        own = scaled.rig.motion
+        top = float(options.cutoff or 1.01 * own.frequency[-1])
+        phi = exponents_at(own, top, scaled.friction)(scene.mu, scaled.speed_per_load, 1.0 / own.preload)
+        return np.asarray(top * np.sort(phi.imag[phi.real > 0.0]))
     model = reduced_model(scaled.rig, scaled.theta, options.cutoff)
     return sliding_growth(scaled, model, model.default_step)
 
