@@ -25,7 +25,7 @@ from fivcore.errors import (
 from fivcore.jit import Array
 from fivcore.rig import ContactModel, Rig, Scene, checked_theta, one_contact
 from fivcore.stability.several import exponents_at
-from fivcore.structure import GROWTH_REACH, Structure
+from fivcore.structure import GROWTH_REACH, Structure, modal_structure
 from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
 from fivcore.transient.fast.steady import sliding_growth
@@ -180,7 +180,7 @@ def growing_frequencies(
     """
     _, scaled, options = request(scene, 1.0, Options(cutoff=cutoff, numerical_damping=numerical_damping))
     if scene.rig.several:
-        own = scaled.rig.motion
+        own = modal_structure(scaled.rig, 0.0).motion
         top = float(options.cutoff or 1.01 * own.frequency[-1])
         phi = exponents_at(own, top, scaled.friction)(scene.mu, scaled.speed_per_load, 1.0 / own.preload)
         return np.asarray(top * np.sort(phi.imag[phi.real > 0.0]))

@@ -32,6 +32,7 @@ def draw(dataset: xr.Dataset) -> Figure:
         rows = np.arange(len(seen) + 1) - 0.5
         axes.pcolormesh(edges, rows, seen, cmap=ListedColormap(COLOURS), vmin=-0.5, vmax=2.5, rasterized=True)
         axes.set(xlabel="time / ms", ylabel="contact", yticks=np.arange(len(seen)))
+        axes.locator_params(axis="x", nbins=5)
         axes.grid(visible=False)
     left = np.zeros(len(state))
     for name, colour in zip(STATES, COLOURS, strict=True):

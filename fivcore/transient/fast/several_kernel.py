@@ -28,7 +28,9 @@ from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, enter
 DOWN = 3
 # Most steps of Newton's method; most sweeps of Gauss-Seidel, the change in units of the largest force at which
 # they end, and that above which a step counts as unsolved.
-NEWTON, SWEEPS, SETTLED, UNSOLVED = 12, 400, 1e-12, 1e-7
+NEWTON, SWEEPS, SETTLED, UNSOLVED = 12, 100, 1e-12, 1e-7
+# Newton's method, and so often less one Gauss-Seidel and again Newton's from the statuses that it found.
+ATTEMPTS = 6
 # Least pivot, and rows that are replaced before the inverse is made anew.
 LEAST_PIVOT, REPLACED = 1e-14, 4000
 # Most refinements of a solution, and the share of the largest force that is rounding.
@@ -317,18 +319,17 @@ def update(law: Any, motion: Any) -> bool:
 
 
 @called
-def relax(law: Any, motion: Any, b: Any, eligible: Any, before: Any, counts: Any) -> None:
-    """Solve a step by Gauss-Seidel, from the forces before it."""
-    if not law.falls:
-        motion.force[:] = before
-        renew(law, motion, counts)
+def relax(law: Any, motion: Any, b: Any, eligible: Any, before: Any, counts: Any) -> float:
+    """Solve a step by Gauss-Seidel, from forces that become those found; the last change of them."""
+    motion.force[:] = before
     for i in range(len(law.mu)):
         if eligible[i] == 0.0:
             b[i] = -1e300
-    counts[3] += 1
-    counts[4] += gauss_seidel(law, motion, b) > UNSOLVED
+    change = gauss_seidel(law, motion, b)
+    before[:] = motion.force
     if not law.falls:
-        update(law, motion)
+        renew(law, motion, counts)
+    return change
 
 
 @kernel
@@ -376,15 +377,21 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
                 b[i] = g[i] - times[STICK] * r[i]
                 b[k] = (anchor[i] - g[k] if old == STICK else u[k]) - times[old] * r[k]
             b[i], b[k] = b[i] / unit, b[k] / unit
-        if not falls:
-            if counts[1] > REPLACED:
-                renew(law, motion, counts)
-            for k in range(2 * c):
-                last[k] = f[k]
-        if falls or not newton(
-            inverse, matrix, b, eligible, mu, kinetic, was, status, held, f, right, y, more, work, counts
-        ):
-            relax(law, motion, b, eligible, last, counts)
+        if counts[1] > REPLACED:
+            renew(law, motion, counts)
+        for k in range(2 * c):
+            last[k] = f[k]
+        for attempt in range(ATTEMPTS):
+            if falls or attempt > 0:
+                change = relax(law, motion, b, eligible, last, counts)
+                counts[3] += attempt < 2
+                if falls or change <= SETTLED or attempt == ATTEMPTS - 1:
+                    counts[4] += change > UNSOLVED
+                    break
+            if newton(
+                inverse, matrix, b, eligible, mu, kinetic, was, status, held, f, right, y, more, work, counts
+            ):
+                break
         multiply(delassus, f, mean)
         multiply(flexibility, f, base)
         taken, slips, opens, sum_N, sum_T, fastest = 0.0, 0, 0, 0.0, 0.0, 0.0
