@@ -57,7 +57,7 @@ class Transient:
         0 separation, 1 stick, 2 slip.
     contact_normal_force, contact_tangential_force, contact_slip_velocity, contact_state : ndarray, (n, c)
         Likewise, of each of several contacts; the former are then sums, the slip velocity that of the fastest, and
-        the state that of all that the load closes: separation if one is open, stick if all stick.
+        the state separation where no contact is closed, slip where one slips, else stick.
     final_state : State
         State at the end, which `fivcore.simulate` takes as `initial`; for V < 0 that of the mirrored scene.
     """

@@ -130,7 +130,12 @@ def _of_several(cls: type[State], scene: Scene, q: Array, v: Array) -> State:
     gaps, size = full.gap + full.normal[:, :n] @ q, np.abs(full.normal[:, :n]) @ np.abs(q)
     rates = full.tangential[:, : len(v)] @ v - scene.V
     statuses = np.where(gaps > 1e-9 * size, 0, np.where(np.abs(rates) <= 1e-9 * abs(scene.V), 1, 2))
-    return cls(q, v, int(statuses.min()), True, statuses)
+    return cls(q, v, status_of_all(statuses), True, statuses)
+
+
+def status_of_all(statuses: NDArray[Any]) -> int:
+    """The state of a scene by its contacts': separation if none is closed, slip if one slips, else stick."""
+    return 0 if not np.any(statuses) else 2 if np.any(statuses > 1) else 1
 
 
 def static_displacement(model: ReducedModel, full: ReducedModel, u: Array) -> Array:

@@ -50,10 +50,12 @@ def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
       the shares of time by the default cut-off; 0 where the contact sticks or slides steadily, NaN for another.
       Of a structure from modes NaN, too, and `cutoff_origin` is "highest mode": what others would do is unknown.
     - `simulated_time`: s; `settled_early`: whether its rest was filled in as proved steady sliding.
-    - With several contacts the shares are those of all that the load closes: stick if all stick, separation if one
-      is open. N is the sum of their forces, the slip speed that of the fastest. `contact_X`, (c,), is X of each:
-      the three shares, `mean_normal_force`, `max_normal_force`, `max_slip_speed` and `switches_per_second`; its
-      transitions are those of `unsolved_steps` of the run, whose contact problem has not converged, too.
+    - With several contacts separation is that no contact is closed, slip that one slips, and stick all else; N is
+      the sum of their forces, the slip speed that of the fastest. Of the contacts that the load closes at rest,
+      `any_open_fraction` is the share of time with one of them open, `all_stick_fraction` that with all of them in
+      stick and no other in slip. `contact_X`, (c,), is X of each: the three shares, `mean_normal_force`,
+      `max_normal_force`, `max_slip_speed` and `switches_per_second`. `unsolved_steps`: of the run, those whose
+      contact forces have not converged.
     - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`observe.standard_errors`). In
       "stuck" and "steady sliding" 0 for shares, which are constant, and NaN for all else, for a decay has no
       long-run value. NaN where statistics last for less than 16 times the time in which the drive loads a stuck

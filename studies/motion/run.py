@@ -61,6 +61,10 @@ CONTACTS = {
     if name in {f"{state}_fraction" for state in STATES}
     or name in ("mean_normal_force", "max_normal_force", "max_slip_speed", "switches_per_second")
 }
+CONTACTS |= {
+    "any_open_fraction": Variable("1", "fraction of time in which a contact that the load closes is open"),
+    "all_stick_fraction": Variable("1", "fraction of time in which all contacts that the load closes stick"),
+}
 # Quantities that the load multiplies; the others are equal for equivalent scenes.
 SCALED = (
     *(

@@ -184,8 +184,11 @@ def test_a_run_says_what_each_contact_does():
     )
     assert found.normal_force == pytest.approx(found.contact_normal_force.sum(axis=1), abs=1e-9 * F)
     assert found.summary["contact_max_normal_force"].max() >= found.contact_normal_force[late].max() * (1 - 1e-12)
+    away, slides = (found.contact_state == 0).all(axis=1), (found.contact_state == 2).any(axis=1)
+    assert np.array_equal(found.state, np.where(away, 0, np.where(slides, 2, 1)))
     opened, stuck = (found.contact_state == 0).any(axis=1), (found.contact_state == 1).all(axis=1)
-    assert np.array_equal(found.state, np.where(opened, 0, np.where(stuck, 1, 2)))
+    assert found.summary["any_open_fraction"] == pytest.approx(opened[late].mean(), abs=1e-3)
+    assert found.summary["all_stick_fraction"] == pytest.approx(stuck[late].mean(), abs=1e-3)
     limit = 0.6 * own.friction * found.contact_normal_force
     assert np.all(np.abs(found.contact_tangential_force) <= limit * (1.0 + 1e-9) + 1e-12)
     assert np.all(found.contact_normal_force >= 0.0)
@@ -241,7 +244,7 @@ def test_a_state_says_which_contacts_are_open():
     q = np.linalg.solve(np.diag(own.stiffness), own.load + own.equilibrium(1.0)[0] @ own.normal)
     state = State.of(Scene(0.02, 0.0, 0.3, 1.0, own), q, np.zeros(6))
     assert state.statuses.tolist() == [2, 0, 2]
-    assert state.contact == 0
+    assert state.contact == 2
     found = simulate(Scene(0.02, 0.0, 0.3, 1.0, own), 0.01, initial=state, record=True, sample_rate=None)
     assert found.contact_state[0].tolist() == [2, 0, 2]
     wrong = State(q, np.zeros(6), 1, True, np.array([1, 1]))

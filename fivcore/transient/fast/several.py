@@ -1,8 +1,8 @@
 """Runs of `method="fast"` with several contacts: the same splitting, and in each step one problem for all of them.
 
-A scene's own state is that of all contacts that the load closes at rest: stick where all of them stick, separation
-where one of them is open, else slip. N and T are the sums over all contacts, the slip rate is the largest. What
-belongs to each contact is in further columns of `rows`, and in `counters`.
+A scene's own state is separation where no contact is closed, slip where one slips, else stick. N and T are the sums
+over all contacts, the slip rate is the largest. What belongs to each contact is in further columns of `rows`, and in
+`counters`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from fivcore.jit import Array
 from fivcore.transient.fast import several_kernel as kernels
 from fivcore.transient.fast.run import FAST_DECAY, least_step
 from fivcore.transient.fast.several_kernel import Law, Motion, start, take_steps
-from fivcore.transient.normalised import Normalised, State, residual_gaps
+from fivcore.transient.normalised import Normalised, State, residual_gaps, status_of_all
 from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, first_counted
 from fivcore.transient.stepped import SteppedRun
@@ -32,7 +32,7 @@ SEGMENT, MOST_UNSOLVED, MANY = 20_000, 1e-3, 20
 _COUNTS = "contact now last settle sample_every row_every energy_every look_every samples rows"
 SCENE = np.dtype([
     *FIELDS,
-    *((name, "f8") for name in ("speed", "ramp", "acceleration")),
+    *((name, "f8") for name in ("speed", "ramp", "acceleration", "any_open", "all_stick")),
     *((name, "i8") for name in _COUNTS.split()),
 ])  # fmt: skip
 
@@ -95,7 +95,7 @@ class SeveralRun(SteppedRun):
             status.astype(np.int64), held, counters, matrix.copy(), np.eye(2 * c), work, np.zeros(n),
         )  # fmt: skip
         self._place_shift()
-        self.record["contact"] = status_of_all(status, law.closed)
+        self.record["contact"] = status_of_all(status)
         start(law, self.motion, self.counts)
 
     def _place_shift(self) -> None:
@@ -165,6 +165,7 @@ class SeveralRun(SteppedRun):
         """Return a run that continues this one after its end."""
         run = super().resumed(options)
         run.motion.counters[:], run.counts[3:] = 0.0, 0
+        run.record["any_open"] = run.record["all_stick"] = 0.0
         return run
 
     def by_contact(self) -> dict[str, Any]:
@@ -180,6 +181,8 @@ class SeveralRun(SteppedRun):
             "contact_max_normal_force": F * table[:, kernels.MAX_N],
             "contact_max_slip_speed": F * table[:, kernels.MAX_SLIP],
             "contact_switches_per_second": table[:, kernels.SWITCHES] / total,
+            "any_open_fraction": float(self.record["any_open"][0]) / total,
+            "all_stick_fraction": float(self.record["all_stick"][0]) / total,
             "unsolved_steps": int(self.counts[4]),
         }
 
@@ -200,12 +203,6 @@ class SeveralRun(SteppedRun):
         for part in (self.motion.q, self.motion.v):
             part[np.abs(part) < floor] = 0.0
         return bool(np.isfinite(self.motion.q).all() and np.isfinite(self.motion.v).all())
-
-
-def status_of_all(status: Array, closed: Array) -> int:
-    """The scene's own state by the statuses of its contacts, of those that the load closes, (c,)."""
-    own = status[closed]
-    return SEPARATION if np.any(own == SEPARATION) else STICK if np.all(own == STICK) else SLIP
 
 
 def rest_gaps(model: ReducedModel, step: float) -> Array:

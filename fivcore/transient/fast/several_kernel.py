@@ -353,6 +353,7 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
         if scene.settle == now:
             clear(scene)
             counters[:] = 0.0
+            scene.any_open, scene.all_stick = 0.0, 0.0
         t = (now + 0.5) * h
         drive = scene.acceleration * t if t < scene.ramp else scene.speed
         X = 0.5 * drive * t if t < scene.ramp else drive * (t - 0.5 * scene.ramp)
@@ -394,7 +395,7 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
                 break
         multiply(delassus, f, mean)
         multiply(flexibility, f, base)
-        taken, slips, opens, sum_N, sum_T, fastest = 0.0, 0, 0, 0.0, 0.0, 0.0
+        taken, slips, opens, touching, sum_N, sum_T, fastest = 0.0, 0, 0, 0, 0.0, 0.0, 0.0
         for i in range(c):
             k, now_is, old = c + i, min(status[i], SLIP), was[i]
             mean[i], mean[k] = mean[i] + r[i], mean[k] + r[k]
@@ -422,7 +423,8 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
                 fastest = slip_rate
             sum_N, sum_T = sum_N + f[i], sum_T + f[k]
             opens += closed[i] and now_is == SEPARATION
-            slips += closed[i] and now_is == SLIP
+            slips += now_is == SLIP
+            touching += now_is != SEPARATION
             table = counters[i]
             table[OPEN_TIME if now_is == SEPARATION else STICK_TIME if now_is == STICK else SLIP_TIME] += h
             table[SUM_N] += h * f[i]
@@ -432,7 +434,9 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
             after[i], after[k] = 2.0 * mean[i] - r[i], 2.0 * mean[k] - r[k]
         # What the springs store is in it.
         scene.termination += h * taken
-        contact = SEPARATION if opens > 0 else SLIP if slips > 0 else STICK
+        contact = SEPARATION if touching == 0 else SLIP if slips > 0 else STICK
+        scene.any_open += h * (opens > 0)
+        scene.all_stick += h * (opens + slips == 0)
         scene.sum_N += h * sum_N
         scene.max_N, scene.max_slip = max(scene.max_N, sum_N), max(scene.max_slip, abs(fastest))
         if contact == STICK:
