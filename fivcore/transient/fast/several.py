@@ -1,8 +1,8 @@
 """Runs of `method="fast"` with several contacts: the same splitting, and in each step one problem for all of them.
 
-A scene's own state is separation where no contact is closed, slip where one slips, else stick. N and T are the sums
-over all contacts, the slip rate is the largest. What belongs to each contact is in further columns of `rows`, and in
-`counters`.
+A scene's own state is separation where no contact is closed, slip where one slips, else stick. N and T are the
+sums over all contacts, the slip rate is the largest. What belongs to each contact is in further columns of `rows`,
+and in `counters`.
 """
 
 from __future__ import annotations
