@@ -36,10 +36,12 @@ SMALL = {
     "accuracy": {"method": "fast", "setting": ["default", "cut-off 0.4"], "scene": "5 mm/s", "members": 2}
     | {"duration": 0.25},
     "stress": {"case": ["theta = 90°", "3 and 3 elements"]},
+    "patch": {"nodes": [1, 3], "mu": [0.1, 0.4], "finer": 1, "members": 2, "min_duration": 0.1}
+    | {"max_duration": 0.2},
 }
 
 
-LONG = ("accuracy", "stress", "classics", "damping", "basins", "stick_time", "robust", "hysteresis")
+LONG = ("accuracy", "stress", "classics", "damping", "basins", "stick_time", "robust", "hysteresis", "patch")
 
 
 @pytest.fixture(scope="module")
