@@ -1,0 +1,314 @@
+"""Limit cycles over a parameter: continuation by pseudo-arclength through folds and grazing places.
+
+A point is (z_0, p), with z_0 in units of the motion's size and p in those of its range; a step goes along the tangent
+and is corrected across it (H. B. Keller, in Applications of Bifurcation Theory, 1977, 359-384). Where a margin
+vanishes within a status, or a status has no duration left, the motion grazes: the order of statuses changes there,
+and the branch goes on with the new order, in the same direction or back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fivcore import checks
+from fivcore.cycles import guesses, shooting
+from fivcore.cycles.flow import PLANE, Flow, Segment
+from fivcore.cycles.limit_cycle import STATUSES, LimitCycle, closed, flow_of, least_margins, made, violation
+from fivcore.errors import InputError, SceneError, UnsolvedError
+from fivcore.friction import FRICTION_PARAMETERS
+from fivcore.jit import Array
+from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS, Rig, Scene
+from fivcore.transient.options import Options, options_of
+from fivcore.transient.statistics import SEPARATION, SLIP, STICK
+
+# First, least and largest step and iterations of the corrector; relative change of a parameter for a derivative.
+FIRST, LEAST, LARGEST, ITERATIONS, CHANGE = 0.01, 1e-6, 0.1, 10, 1e-6
+# A cycle whose amplitude is below this share of the branch's largest is born there.
+BORN = 0.02
+
+
+class Place(NamedTuple):
+    """Where a branch folds, grazes, is born or changes its stability: the parameter, and what happens."""
+
+    value: float
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class CycleBranch:
+    """Cycles along a parameter: their `values` and `cycles`, the `places` on the way, and why it ends."""
+
+    parameter: str
+    values: Array
+    cycles: list[LimitCycle]
+    places: list[Place]
+    end: str
+
+
+class _Point(NamedTuple):
+    """A cycle, its parameter, its linearised equations and the unit tangent, of all starts and of the first."""
+
+    cycle: LimitCycle
+    value: float
+    linear: shooting.Linear
+    tangent: Array
+    start: Array
+
+
+class _Follower:
+    """Predictor and corrector for one parameter."""
+
+    def __init__(self, name: str, span: float, options: Options) -> None:
+        self.name, self.span, self.options = name, span, options
+
+    def flow(self, scene: Scene, value: float, like: Flow) -> tuple[Scene, Flow]:
+        """The scene and its flow at a value of the parameter."""
+        there = with_value(scene, self.name, value)
+        return there, flow_of(there, self.options, like)
+
+    def linear(self, scene: Scene, flow: Flow, value: float, segments: list[Segment], plane: Array) -> Any:
+        """Linearised equations with the derivative by the parameter, in units of its range."""
+        change = CHANGE * max(abs(value), 1e-3 * self.span)
+        _, beside = self.flow(scene, value + change, flow)
+        return shooting.linearised(flow, segments, plane, beside, change / self.span)
+
+    def point(self, cycle: LimitCycle, value: float, old: Array) -> _Point:
+        """A point with its tangent, which has the sense of an old one."""
+        return self.made(cycle, value, self.linear(cycle.scene, cycle.flow, value, cycle.segments, cycle.plane), old)
+
+    def made(self, cycle: LimitCycle, value: float, linear: shooting.Linear, old: Array) -> _Point:
+        """A point of linearised equations."""
+        start, change = bordered(linear, old, 1.0)
+        found = np.append(spread(linear, start, change)[0], change)
+        return _Point(cycle, value, linear, found / np.linalg.norm(found), start / np.linalg.norm(found))
+
+    def step(self, point: _Point, length: float) -> tuple[_Point, int] | None:
+        """The point after a step along the tangent, and how many iterations it took; None without convergence."""
+        cycle, change = point.cycle, length * point.tangent[-1]
+        segments = shooting.moved(cycle.segments, point.linear, length * point.start, change, np.inf)
+        value, begun = point.value + self.span * change, stacked(cycle.segments)
+        for iteration in range(ITERATIONS):
+            scene, flow = self.flow(cycle.scene, value, cycle.flow)
+            linear = self.linear(scene, flow, value, segments, cycle.plane)
+            if not linear.residual < 1e3:
+                return None
+            if linear.residual < shooting.CLOSED:
+                there = made(scene, flow, segments, linear, cycle.plane)
+                return self.made(there, value, linear, point.tangent), iteration
+            gone = np.append((stacked(segments) - begun) / linear.size, (value - point.value) / self.span)
+            start, change = bordered(linear, point.tangent, length - float(point.tangent @ gone), linear.offsets)
+            segments = shooting.moved(segments, linear, start, change, np.inf)
+            value += self.span * change
+        return None
+
+    def located(self, point: _Point, length: float, measure: Callable[[_Point], float]) -> _Point:
+        """The point, within some steps along the tangent, at which a measure vanishes, by the secant method."""
+        (before, below), most, found, least = (0.0, measure(point)), 3.0 * abs(length), point, abs(measure(point))
+        for _ in range(12):
+            taken = self.step(point, length)
+            if taken is None:
+                length = 0.5 * (before + length)
+                continue
+            value = measure(taken[0])
+            if abs(value) < least:
+                found, least = taken[0], abs(value)
+            if value == below or abs(value) < 1e-10:
+                break
+            (before, below), length = (length, value), length - value * (length - before) / (value - below)
+            length = float(np.clip(length, -most, most))
+        return found
+
+
+def sense(cycle: LimitCycle, way: float) -> Array:
+    """A tangent of the parameter alone."""
+    return np.append(0.0 * stacked(cycle.segments), np.sign(way))
+
+
+def stacked(segments: list[Segment]) -> Array:
+    """The starts of all segments in a row."""
+    return np.concatenate([each.start for each in segments])
+
+
+def spread(linear: shooting.Linear, start: Array, change: float) -> tuple[Array, Array]:
+    """Changes of all starts in a row, in units of the motion: for dz_0 and dp, and of what does not close."""
+    z = np.append(start, 0.0)
+    parts = [(M @ z + d[:, 1] * change, d[:, 0]) for M, d in zip(linear.maps[:-1], linear.offsets[:-1], strict=True)]
+    moved, missed = (np.concatenate(each) / linear.size for each in zip(*parts, strict=True))
+    return moved, missed
+
+
+def bordered(linear: shooting.Linear, tangent: Array, along: float, offsets: Any = None) -> tuple[Array, float]:
+    """dz_0 and dp of the linearised equations that go `along` a tangent, (k (m + 1) + 1,)."""
+    size, parts = len(linear.monodromy), tangent[:-1].reshape(len(linear.maps) - 1, -1) / linear.size
+    row = sum(part @ M for part, M in zip(parts, linear.maps[:-1], strict=True))[:-1]
+    by_p, by_d = (sum(part @ d[:, k] for part, d in zip(parts, linear.offsets[:-1], strict=True)) for k in (1, 0))
+    matrix = np.zeros((size + 1, size + 1))
+    matrix[:-1, :-1], matrix[:-1, -1] = np.eye(size) - linear.monodromy, -linear.offsets[-1][:-1, 1]
+    matrix[-1, :-1], matrix[-1, -1] = row, tangent[-1] + by_p
+    right = np.zeros(size + 1) if offsets is None else np.append(linear.offsets[-1][:-1, 0], -by_d)
+    right[-1] += along
+    scale = np.append(np.full(size, linear.size), 1.0)
+    found = scale * np.linalg.solve(matrix * scale / np.append(np.full(size, linear.size), 1.0)[:, None], right / scale)
+    return found[:-1], float(found[-1])
+
+
+def with_value(scene: Scene, name: str, value: float) -> Scene:
+    """The scene with another value of V, theta, mu, F, a number of its friction or of its rig."""
+    if name in ("V", "theta", "mu", "F"):
+        return replace(scene, **{name: value})
+    if name in FRICTION_PARAMETERS:
+        return replace(scene, friction=replace(scene.friction, **{name: value}))
+    beam, _, field = name.partition("_")
+    if not isinstance(scene.rig, Rig) or not (name in RIG_PARAMETERS or beam in ("p1", "p2") and field in BEAM_PARAMETERS):
+        raise InputError(f"parameter = {name!r}: it must be V, theta, mu, F, {', '.join(FRICTION_PARAMETERS)} or a number of a rig")
+    if name in RIG_PARAMETERS:
+        return replace(scene, rig=replace(scene.rig, **{name: value}))
+    return replace(scene, rig=replace(scene.rig, **{beam: replace(getattr(scene.rig, beam), **{field: value})}))
+
+
+def value_of(scene: Scene, name: str) -> float:
+    """The value of a parameter (`with_value`)."""
+    beam, _, field = name.partition("_")
+    holders: tuple[Any, ...] = (scene, scene.friction, scene.rig)
+    for holder in holders:
+        if hasattr(holder, name):
+            return float(getattr(holder, name))
+    return float(getattr(getattr(scene.rig, beam), field))
+
+
+def grazes(cycle: LimitCycle) -> str:
+    """What a negative margin or duration of a cycle means; empty if there is none."""
+    found = violation(cycle)
+    if found is None:
+        return ""
+    i, k, _ = found
+    each = cycle.segments[i]
+    name = STATUSES[min(each.status, SLIP)]
+    if each.time <= 0.0:
+        return f"{name} vanishes"
+    begins = "contact" if each.status == SEPARATION else "separation" if k == 0 else "slip" if each.status == STICK else "stick"
+    return f"{begins} begins within {name}"
+
+
+def follow_cycle(
+    cycle: LimitCycle, parameter: str, until: float, *, most: int = 200, options: Options | None = None, **keywords: Any
+) -> CycleBranch:
+    """Follow a limit cycle over a parameter, through folds, until it has the value `until` or comes back.
+
+    Parameters
+    ----------
+    cycle : LimitCycle
+    parameter : str
+        V, theta, mu, F, kinetic_ratio, decay_speed, or a number of the rig as on the command line.
+    until : float
+        Value at which the branch ends; it also ends as far on the other side of the start.
+    most : int
+        Most points.
+    options, **keywords
+        As for `limit_cycle`.
+
+    Returns
+    -------
+    CycleBranch
+    """
+    given, start = options_of(options, keywords), value_of(cycle.scene, parameter)
+    span = abs(checks.number("until", until, "another value than the start's", lambda x: x != start) - start)
+    way = _Follower(parameter, span, given)
+    point = way.point(cycle, start, sense(cycle, until - start))
+    points, places, length, end = [point], list[Place](), FIRST, f"{most} points"
+    while len(points) < most:
+        try:
+            taken = way.step(point, length)
+        except SceneError as error:
+            taken, end = None, str(error)
+        if taken is None:
+            length *= 0.5
+            if length < LEAST:
+                end = f"no convergence beyond {parameter} = {point.value:.6g}"
+                break
+            continue
+        after, iterations = taken
+        measure = graze_measure(after.cycle)
+        if measure is not None:
+            place, text = way.located(point, length, measure), grazes(after.cycle)
+            changed = reordered(way, point, after, place.value)
+            if changed is not None and len(changed.cycle.segments) < len(after.cycle.segments):
+                # Where a status vanishes its duration has no derivative; the margin beyond has.
+                place = way.located(changed, -FIRST, least_inner)
+            places.append(Place(place.value, text))
+            if changed is None:
+                end = f"{text} at {parameter} = {place.value:.9g}, and no cycle with another order is found"
+                break
+            if (changed.tangent[-1] > 0.0) != (point.tangent[-1] > 0.0):
+                places.append(Place(place.value, "fold"))
+            after, length = changed, FIRST
+        elif after.tangent[-1] * point.tangent[-1] < 0.0:
+            fold = way.located(point, length, lambda one: float(one.tangent[-1]))
+            places.append(Place(fold.value, "fold"))
+        points.append(after)
+        point = after
+        length = min(length * (1.5 if iterations <= 3 else 0.7 if iterations > 5 else 1.0), LARGEST)
+        if abs(point.value - start) > span * (1.0 - 1e-12):
+            end = f"{parameter} = {point.value:.6g}"
+            break
+    return CycleBranch(parameter, np.array([each.value for each in points]), [each.cycle for each in points], places, end)
+
+
+def graze_measure(cycle: LimitCycle) -> Callable[[_Point], float] | None:
+    """What vanishes at the graze that a cycle is beyond, as a function of points with its order of statuses."""
+    found = violation(cycle)
+    if found is None:
+        return None
+    i, k, _ = found
+    if cycle.segments[i].time <= 0.0:
+        return lambda point: point.cycle.segments[i].time / point.cycle.period
+    return lambda point: inner_margin(point.cycle.flow, point.cycle.segments[i], k)
+
+
+def least_inner(point: _Point) -> float:
+    """Least inner margin of a cycle."""
+    parts = [(each, k) for each in point.cycle.segments for k in range(3 if each.status == STICK else 2 if each.status else 1)]
+    return min(inner_margin(point.cycle.flow, *part) for part in parts)
+
+
+def inner_margin(flow: Flow, segment: Segment, k: int) -> float:
+    """Least local minimum of a margin within a segment, by a parabola; its least value at the ends if it has none."""
+    _, z = flow.samples(segment.status, segment.start, segment.time)
+    y = flow.along(segment.status, z)[:, k]
+    i = np.flatnonzero((y[1:-1] < y[:-2]) & (y[1:-1] <= y[2:])) + 1
+    if not len(i):
+        return float(min(y[1], y[-2]) / np.abs(y).max())
+    rise, bend = 0.5 * (y[i + 1] - y[i - 1]), y[i + 1] - 2.0 * y[i] + y[i - 1]
+    return float((y[i] - 0.5 * rise**2 / bend).min() / np.abs(y).max())
+
+
+def reordered(way: _Follower, before: _Point, beyond: _Point, place: float) -> _Point | None:
+    """A point with the order of statuses that the motion has beyond a graze, on that side of it or back."""
+    cycle, old = beyond.cycle, [each[:2] for each in before.cycle.segments]
+    turned = [old[j:] + old[:j] for j in range(len(old))]
+    for side in (beyond, before):
+        try:
+            other = closed(side.cycle.scene, side.cycle.flow, *guess_beyond(cycle))
+        except UnsolvedError:
+            continue
+        if [each[:2] for each in other.segments] not in turned:
+            return way.point(other, side.value, sense(other, side.value - place))
+    return None
+
+
+def guess_beyond(cycle: LimitCycle) -> tuple[list[Segment], Array]:
+    """What a cycle with a negative margin or duration suggests: without the status, or as the motion goes."""
+    parts = cycle.segments
+    gone = min(range(len(parts)), key=lambda i: parts[i].time)
+    if parts[gone].time > 0.0:
+        longest = max(parts, key=lambda each: each.time)
+        return guesses.recurrent(cycle.flow, longest.status, longest.start, about=cycle.period)
+    parts = [*parts[gone + 1 :], *parts[:gone]]
+    if parts[0].status == parts[-1].status:
+        joined = parts[0]._replace(start=parts[-1].start, time=parts[0].time + parts[-1].time)
+        parts = [joined, *parts[1:-1]] if len(parts) > 1 else [parts[0]._replace(event=PLANE)]
+    return parts, shooting.plane_at(cycle.flow, parts[0])

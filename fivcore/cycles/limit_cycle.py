@@ -1,0 +1,228 @@
+"""Limit cycles of a scene: first guesses, shooting, and what a cycle says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fivcore.cycles import guesses, shooting
+from fivcore.cycles.flow import GAP, SLIP_RATE, N, T, Flow, Segment
+from fivcore.cycles.shooting import Linear
+from fivcore.errors import SceneError, UnsolvedError
+from fivcore.jit import Array, Complex
+from fivcore.rig import Scene
+from fivcore.transient.driver import located
+from fivcore.transient.normalised import State
+from fivcore.transient.options import Options, options_of
+from fivcore.transient.simulate import request
+from fivcore.transient.statistics import SEPARATION, SLIP
+
+STATUSES = ("separation", "stick", "slip")
+# A margin below this share of its largest value, with the other sign, is rounding; most changes of the statuses.
+ROUNDING, REPAIRS = 1e-7, 8
+
+
+@dataclass(frozen=True, eq=False)
+class LimitCycle:
+    """A periodic motion of a scene.
+
+    Attributes
+    ----------
+    scene : Scene
+    residual : float
+        By how much the motion does not close, in units of its size.
+    """
+
+    scene: Scene
+    residual: float
+    flow: Flow
+    segments: list[Segment]
+    plane: Array
+    monodromy: Array
+
+    @property
+    def period(self) -> float:
+        """Period, s."""
+        return float(sum(each.time for each in self.segments))
+
+    @property
+    def frequency(self) -> float:
+        """Frequency, Hz."""
+        return 1.0 / self.period
+
+    @cached_property
+    def multipliers(self) -> Complex:
+        """Floquet multipliers, (m,), the largest first; a 0 is in place of the trivial one, 1."""
+        found = np.linalg.eigvals(self.monodromy).astype(complex)
+        return np.asarray(found[np.argsort(-np.abs(found), kind="stable")])
+
+    @property
+    def stable(self) -> bool:
+        """Whether every deviation decays."""
+        return bool(np.abs(self.multipliers[0]) < 1.0)
+
+    @property
+    def states(self) -> list[tuple[str, float]]:
+        """Contact statuses in their order, each with its duration, s."""
+        return [(STATUSES[min(each.status, SLIP)], each.time) for each in self.segments]
+
+    @cached_property
+    def _series(self) -> Array:
+        """Time, velocity of B, N, T, slip rate and state, (6, n), in the scene's units."""
+        scene, parts, begun = self.flow.scene, [], 0.0
+        for each in self.segments:
+            times, z = self.flow.samples(each.status, each.start, each.time)
+            laws = np.array([self.flow.law(each.status, one)[0] for one in z.T])
+            rows = [self.flow.velocity_B @ z, laws[:, N], laws[:, T], laws[:, SLIP_RATE]]
+            parts.append(np.vstack([begun + times, *rows, np.full(len(times), min(each.status, SLIP))]))
+            begun += each.time
+        series = np.hstack(parts)
+        series[1:5] *= scene.load * np.array([scene.sense, 1.0, scene.sense, scene.sense])[:, None]
+        return series
+
+    @property
+    def time(self) -> Array:
+        """Times of the series over one period, (n,), s; each change of the contact is there twice."""
+        return self._series[0]
+
+    @property
+    def velocity_B(self) -> Array:
+        """Velocity of B along x, (n,), m/s."""
+        return self._series[1]
+
+    @property
+    def normal_force(self) -> Array:
+        """N, (n,), N."""
+        return self._series[2]
+
+    @property
+    def tangential_force(self) -> Array:
+        """T, (n,), N."""
+        return self._series[3]
+
+    @property
+    def slip_velocity(self) -> Array:
+        """Velocity of P1's surface relative to P2's along x, (n,), m/s."""
+        return self._series[4]
+
+    @property
+    def state(self) -> NDArray[np.int8]:
+        """0 separation, 1 stick, 2 slip, (n,)."""
+        return self._series[5].astype(np.int8)
+
+    @cached_property
+    def summary(self) -> dict[str, float]:
+        """Figures named as in a `Transient`'s summary, and the amplitude, half the range, of the velocity of B."""
+        time, v, normal, _, slip, state = self._series
+        mean = np.trapezoid(v, time) / self.period
+        shares = {
+            f"{name}_fraction": sum(s.time for s in self.segments if min(s.status, SLIP) == k) / self.period
+            for k, name in enumerate(STATUSES)
+        }
+        touching = state != SEPARATION
+        return shares | {
+            "frequency": self.frequency,
+            "velocity_rms": float(np.sqrt(np.trapezoid((v - mean) ** 2, time) / self.period)),
+            "velocity_amplitude": 0.5 * float(np.ptp(v)),
+            "mean_normal_force": float(np.trapezoid(normal, time) / self.period),
+            "max_normal_force": float(normal.max()),
+            "max_slip_speed": float(np.abs(slip[touching]).max()),
+            "largest_multiplier": float(np.abs(self.multipliers[0])),
+        }
+
+    @property
+    def final_state(self) -> State:
+        """State at the start and the end of the period, which `simulate` takes as `initial`."""
+        return self.flow.state(self.segments[0].status, self.segments[0].start)
+
+
+def limit_cycle(scene: Scene, guess: Any = None, *, options: Options | None = None, **keywords: Any) -> LimitCycle:
+    """Find a limit cycle of a scene, stable or not, of the reduced model of `simulate`.
+
+    It has no time step: it is that to which the motions of "exact", and of "fast" as its step goes to zero, belong.
+
+    Parameters
+    ----------
+    scene : Scene
+    guess : LimitCycle, State, (State, State) or float, optional
+        A cycle of a neighbouring scene; a state near the cycle; two states, of which one leads to vibration and
+        one to sliding: the cycle on the edge between them is sought by bisection; an amplitude, m/s, of the
+        velocity of B in the mode of steady sliding that grows most. Default: the window of a run that repeats
+        itself best.
+    options, **keywords
+        As for `simulate`, without those of a record, and `duration`, s, of a run that a guess needs (default: 0.5 s
+        in units of the structure's time).
+
+    Returns
+    -------
+    LimitCycle
+
+    Raises
+    ------
+    ValueError, ContactError, DivergenceError
+        As `fivcore.simulate`.
+    UnsolvedError
+        Where nothing near the guess repeats itself, or Newton's method does not converge.
+    """
+    duration = keywords.pop("duration", 0.5 * scene.rig.time_unit)
+    given = options_of(options, keywords)
+    try:
+        flow = flow_of(scene, given)
+        if isinstance(guess, LimitCycle):
+            return closed(scene, flow, guess.segments, guess.plane)
+        return closed(scene, flow, *guesses.segments_of(scene, flow, guess, given, duration))
+    except SceneError as error:
+        raise located(error, scene) from None
+
+
+def flow_of(scene: Scene, options: Options, like: Flow | None = None) -> Flow:
+    """The flow of a scene with options of `simulate`."""
+    return Flow(*request(scene, 1.0, replace(options, initial=None))[1:], like)
+
+
+def closed(scene: Scene, flow: Flow, segments: list[Segment], plane: Array) -> LimitCycle:
+    """The cycle near a guess, whose statuses are corrected until each lasts as long as its margins allow."""
+    for _ in range(REPAIRS):
+        solved = shooting.solve(flow, segments, plane)
+        if solved is None:
+            break
+        cycle = made(scene, flow, *solved, plane)
+        if violation(cycle) is None:
+            return cycle
+        segments, plane = guesses.recurrent(flow, *solved[0][0][::3], about=cycle.period)
+    raise UnsolvedError(f"limit_cycle: Newton's method did not converge from {described(segments)}; give another guess")
+
+
+def made(scene: Scene, flow: Flow, segments: list[Segment], linear: Linear, plane: Array) -> LimitCycle:
+    """A cycle of closed segments."""
+    return LimitCycle(scene, linear.residual, flow, segments, plane, linear.monodromy)
+
+
+def described(segments: list[Segment]) -> str:
+    """Statuses and durations of segments."""
+    parts = [f"{STATUSES[min(each.status, SLIP)]} {1e6 * each.time:.4g}" for each in segments]
+    return f"{', '.join(parts[:8])}{', ...' if len(parts) > 8 else ''} us"
+
+
+def violation(cycle: LimitCycle) -> tuple[int, int, float] | None:
+    """The segment and the margin that is negative within it, the most, and by how much in units of its largest."""
+    worst: tuple[int, int, float] | None = None
+    for i, each in enumerate(cycle.segments):
+        if each.time <= 0.0:
+            return i, each.event, each.time / cycle.period
+        for k, least in enumerate(least_margins(cycle.flow, each)):
+            if least < -ROUNDING and (worst is None or least < worst[2]):
+                worst = i, k, least
+    return worst
+
+
+def least_margins(flow: Flow, segment: Segment) -> list[float]:
+    """Least value of each margin within a segment, between samples by parabolas, in units of its largest."""
+    _, z = flow.samples(segment.status, segment.start, segment.time)
+    values = flow.along(segment.status, z)
+    return [float(row.min() / max(np.abs(row).max(), 1e-300)) for row in values.T]
