@@ -27,8 +27,8 @@ from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 
 # First, least and largest step and iterations of the corrector; relative change of a parameter for a derivative.
 FIRST, LEAST, LARGEST, ITERATIONS, CHANGE = 0.01, 1e-6, 0.1, 10, 1e-6
-# A cycle whose amplitude is below this share of the branch's largest is born there.
-BORN = 0.02
+# Change of the amplitude that a new order of statuses may make.
+NEAR = 0.2
 
 
 class Place(NamedTuple):
@@ -96,30 +96,34 @@ class _Follower:
             linear = self.linear(scene, flow, value, segments, cycle.plane)
             if not linear.residual < 1e3:
                 return None
-            if linear.residual < shooting.CLOSED:
-                there = made(scene, flow, segments, linear, cycle.plane)
-                return self.made(there, value, linear, point.tangent), iteration
             gone = np.append((stacked(segments) - begun) / linear.size, (value - point.value) / self.span)
+            # Not if it has jumped to another branch.
+            near = float(np.linalg.norm(gone)) < 2.0 * abs(length)
+            if linear.residual < shooting.CLOSED:
+                there = made(scene, flow, segments, linear, shooting.plane_at(flow, segments[0]))
+                return (self.made(there, value, linear, point.tangent), iteration) if near else None
             start, change = bordered(linear, point.tangent, length - float(point.tangent @ gone), linear.offsets)
             segments = shooting.moved(segments, linear, start, change, np.inf)
             value += self.span * change
         return None
 
     def located(self, point: _Point, length: float, measure: Callable[[_Point], float]) -> _Point:
-        """The point, within some steps along the tangent, at which a measure vanishes, by the secant method."""
-        (before, below), most, found, least = (0.0, measure(point)), 3.0 * abs(length), point, abs(measure(point))
-        for _ in range(12):
-            taken = self.step(point, length)
-            if taken is None:
-                length = 0.5 * (before + length)
-                continue
-            value = measure(taken[0])
-            if abs(value) < least:
+        """The point, within a step, at which a measure vanishes: regula falsi (Illinois) or bisection."""
+        low, below, high, above, found = 0.0, measure(point), length, np.nan, point
+        least = abs(below)
+        for _ in range(40):
+            share = below / (below - above) if np.isfinite(above) else 0.5
+            middle = low + (high - low) * float(np.clip(share, 0.02, 0.98))
+            taken = self.step(point, middle)
+            value = np.nan if taken is None else measure(taken[0])
+            if taken is not None and abs(value) < least:
                 found, least = taken[0], abs(value)
-            if value == below or abs(value) < 1e-10:
+            if least < 1e-10 or abs(high - low) < 1e-9 * abs(length):
                 break
-            (before, below), length = (length, value), length - value * (length - before) / (value - below)
-            length = float(np.clip(length, -most, most))
+            if np.isfinite(value) and (value > 0.0) == (below > 0.0):
+                low, below, above = middle, value, 0.5 * above
+            else:
+                high, above, below = middle, value, 0.5 * below
         return found
 
 
@@ -223,7 +227,7 @@ def follow_cycle(
     while len(points) < most:
         try:
             taken = way.step(point, length)
-        except SceneError as error:
+        except (SceneError, InputError) as error:
             taken, end = None, str(error)
         if taken is None:
             length *= 0.5
@@ -238,7 +242,9 @@ def follow_cycle(
             changed = reordered(way, point, after, place.value)
             if changed is not None and len(changed.cycle.segments) < len(after.cycle.segments):
                 # Where a status vanishes its duration has no derivative; the margin beyond has.
-                place = way.located(changed, -FIRST, least_inner)
+                lengths = [-LEAST * 4.0**k for k in range(9)]
+                taken = [each for each in lengths if (at := way.step(changed, each)) and least_inner(at[0]) < 0.0]
+                place = way.located(changed, taken[0], least_inner) if taken else place
             places.append(Place(place.value, text))
             if changed is None:
                 end = f"{text} at {parameter} = {place.value:.9g}, and no cycle with another order is found"
@@ -246,6 +252,11 @@ def follow_cycle(
             if (changed.tangent[-1] > 0.0) != (point.tangent[-1] > 0.0):
                 places.append(Place(place.value, "fold"))
             after, length = changed, FIRST
+        elif after.cycle.plane[:-1] @ point.cycle.plane[:-1] < 0.0 and len(after.cycle.segments) == 1:
+            value = born([*points, after])
+            places.append(Place(value, "birth"))
+            end = f"birth from steady sliding at {parameter} = {value:.9g}"
+            break
         elif after.tangent[-1] * point.tangent[-1] < 0.0:
             fold = way.located(point, length, lambda one: float(one.tangent[-1]))
             places.append(Place(fold.value, "fold"))
@@ -256,6 +267,13 @@ def follow_cycle(
             end = f"{parameter} = {point.value:.6g}"
             break
     return CycleBranch(parameter, np.array([each.value for each in points]), [each.cycle for each in points], places, end)
+
+
+def born(points: list[_Point]) -> float:
+    """The parameter at which the amplitude is zero, where that is an even function of the amplitude."""
+    near = points[-5:]
+    sizes = np.array([float(np.ptp(each.cycle.velocity_B)) for each in near])
+    return float(np.polynomial.Polynomial.fit(sizes**2, [each.value for each in near], 3)(0.0))
 
 
 def graze_measure(cycle: LimitCycle) -> Callable[[_Point], float] | None:
@@ -276,14 +294,25 @@ def least_inner(point: _Point) -> float:
 
 
 def inner_margin(flow: Flow, segment: Segment, k: int) -> float:
-    """Least local minimum of a margin within a segment, by a parabola; its least value at the ends if it has none."""
-    _, z = flow.samples(segment.status, segment.start, segment.time)
+    """Least local minimum of a margin within a segment, by parabolas; its least value at the ends if it has none."""
+    times, z = flow.samples(segment.status, segment.start, segment.time)
+    if segment.event == PLANE:
+        z = np.column_stack([z, z[:, 1:]])
     y = flow.along(segment.status, z)[:, k]
-    i = np.flatnonzero((y[1:-1] < y[:-2]) & (y[1:-1] <= y[2:])) + 1
-    if not len(i):
-        return float(min(y[1], y[-2]) / np.abs(y).max())
-    rise, bend = 0.5 * (y[i + 1] - y[i - 1]), y[i + 1] - 2.0 * y[i] + y[i - 1]
-    return float((y[i] - 0.5 * rise**2 / bend).min() / np.abs(y).max())
+    found, size = minima(y), float(np.abs(y).max())
+    if not len(found):
+        return min(y[1], y[-2]) / size
+    i = found[np.argmin(y[found])]
+    fine = flow.along(segment.status, flow.samples(segment.status, z[:, i - 1], 2.0 * times[1])[1])[:, k]
+    if not len(j := minima(fine)):
+        return float(y[i]) / size
+    rise, bend = 0.5 * (fine[j + 1] - fine[j - 1]), fine[j + 1] - 2.0 * fine[j] + fine[j - 1]
+    return float((fine[j] - 0.5 * rise**2 / bend).min()) / size
+
+
+def minima(y: Array) -> Any:
+    """Indices of local minima within a row."""
+    return np.flatnonzero((y[1:-1] < y[:-2]) & (y[1:-1] <= y[2:])) + 1
 
 
 def reordered(way: _Follower, before: _Point, beyond: _Point, place: float) -> _Point | None:
@@ -295,7 +324,8 @@ def reordered(way: _Follower, before: _Point, beyond: _Point, place: float) -> _
             other = closed(side.cycle.scene, side.cycle.flow, *guess_beyond(cycle))
         except UnsolvedError:
             continue
-        if [each[:2] for each in other.segments] not in turned:
+        near = abs(np.ptp(other.velocity_B) / np.ptp(cycle.velocity_B) - 1.0) < NEAR
+        if near and [each[:2] for each in other.segments] not in turned:
             return way.point(other, side.value, sense(other, side.value - place))
     return None
 
