@@ -271,9 +271,16 @@ class Flow:
                 k = int(np.argmax(crossed.any(axis=1)))
                 shares = np.where(crossed[k], values[k] / np.where(crossed[k], values[k] - values[k + 1], 1.0), 2.0)
                 event = int(np.argmin(shares))
-                share = float(np.clip(shares[event], 0.0, 1.0)) if values[k, event] > 0.0 else 1.0
-                end, _ = self.over(status, states[:, k], share * self.grid)
-                return event if event < len(values[0]) - (plane is not None) else PLANE, passed + times[k] + share * self.grid, end
+                time = self.grid * (float(np.clip(shares[event], 0.0, 1.0)) if values[k, event] > 0.0 else 1.0)
+                event = PLANE if plane is not None and event == values.shape[1] - 1 else event
+                for _ in range(4):
+                    end, _ = self.over(status, states[:, k], time)
+                    margin, row = (plane @ end, plane) if event == PLANE else (each[event] for each in self.margins(status, end))
+                    change = margin / float(row @ self.field(status, end)[0])
+                    if not abs(change) < 0.5 * self.grid or abs(change) < 1e-9 * self.grid:
+                        break
+                    time -= change
+                return event, passed + times[k] + time, end
             passed, z = passed + times[-1], states[:, -1]
             if passed > most:
                 return PLANE, np.inf, z

@@ -37,9 +37,9 @@ def traced(
     segments, t, closest = [], 0.0, np.inf
     while len(segments) < EVENTS and t < span and closest > CLOSE:
         event, time, end = flow.to_event(status, z, span - t, plane)
-        segments.append(Segment(status, event, time, z))
         if not np.isfinite(time):
             break
+        segments.append(Segment(status, event, time, z))
         t += time
         after = status if event == PLANE else flow.following(status, event, end)
         z, status = (end if event == PLANE else flow.entry(status, after) @ end), after
@@ -55,7 +55,7 @@ def recurrent(
     plane = plane_at(flow, Segment(status, PLANE, 0.0, z))
     span = 3.0 * about if about is not None else span
     segments = traced(flow, z, status, span, None, about)
-    if not np.isfinite(segments[-2].time) or len(segments) < 3:
+    if len(segments) < 3:
         segments = traced(flow, z, status, span, plane, about)
     starts, times = np.array([each.start for each in segments]), np.cumsum([0.0, *(s.time for s in segments[:-1])])
     spread = np.linalg.norm(starts - starts.mean(axis=0), axis=1).max() + 1e-12 * flow.size(z)
