@@ -92,8 +92,12 @@ class _Follower:
         segments = shooting.moved(cycle.segments, point.linear, length * point.start, change, np.inf)
         value, begun = point.value + self.span * change, stacked(cycle.segments)
         for iteration in range(ITERATIONS):
-            scene, flow = self.flow(cycle.scene, value, cycle.flow)
-            linear = self.linear(scene, flow, value, segments, cycle.plane)
+            try:
+                scene, flow = self.flow(cycle.scene, value, cycle.flow)
+                linear = self.linear(scene, flow, value, segments, cycle.plane)
+            except (InputError, SceneError):
+                # Beyond what a scene allows.
+                return None
             if not linear.residual < 1e3:
                 return None
             gone = np.append((stacked(segments) - begun) / linear.size, (value - point.value) / self.span)
@@ -225,11 +229,7 @@ def follow_cycle(
     point = way.point(cycle, start, sense(cycle, until - start))
     points, places, length, end = [point], list[Place](), FIRST, f"{most} points"
     while len(points) < most:
-        try:
-            taken = way.step(point, length)
-        except (SceneError, InputError) as error:
-            taken, end = None, str(error)
-        if taken is None:
+        if (taken := way.step(point, length)) is None:
             length *= 0.5
             if length < LEAST:
                 end = f"no convergence beyond {parameter} = {point.value:.6g}"
@@ -245,6 +245,8 @@ def follow_cycle(
                 lengths = [-LEAST * 4.0**k for k in range(9)]
                 taken = [each for each in lengths if (at := way.step(changed, each)) and least_inner(at[0]) < 0.0]
                 place = way.located(changed, taken[0], least_inner) if taken else place
+                lost = {each.status for each in after.cycle.segments} - {each.status for each in changed.cycle.segments}
+                text = f"{STATUSES[min(max(lost), SLIP)] if lost else 'a short status'} vanishes"
             places.append(Place(place.value, text))
             if changed is None:
                 end = f"{text} at {parameter} = {place.value:.9g}, and no cycle with another order is found"
@@ -320,25 +322,28 @@ def reordered(way: _Follower, before: _Point, beyond: _Point, place: float) -> _
     cycle, old = beyond.cycle, [each[:2] for each in before.cycle.segments]
     turned = [old[j:] + old[:j] for j in range(len(old))]
     for side in (beyond, before):
-        try:
-            other = closed(side.cycle.scene, side.cycle.flow, *guess_beyond(cycle))
-        except UnsolvedError:
-            continue
-        near = abs(np.ptp(other.velocity_B) / np.ptp(cycle.velocity_B) - 1.0) < NEAR
-        if near and [each[:2] for each in other.segments] not in turned:
-            return way.point(other, side.value, sense(other, side.value - place))
+        for guess in (traced, shortened):
+            try:
+                other = closed(side.cycle.scene, side.cycle.flow, guess(cycle)[:1])
+            except UnsolvedError:
+                continue
+            near = abs(np.ptp(other.velocity_B) / np.ptp(cycle.velocity_B) - 1.0) < NEAR
+            if near and [each[:2] for each in other.segments] not in turned:
+                return way.point(other, side.value, sense(other, side.value - place))
     return None
 
 
-def guess_beyond(cycle: LimitCycle) -> tuple[list[Segment], Array]:
-    """What a cycle with a negative margin or duration suggests: without the status, or as the motion goes."""
-    parts = cycle.segments
-    gone = min(range(len(parts)), key=lambda i: parts[i].time)
-    if parts[gone].time > 0.0:
-        longest = max(parts, key=lambda each: each.time)
-        return guesses.recurrent(cycle.flow, longest.status, longest.start, about=cycle.period)
-    parts = [*parts[gone + 1 :], *parts[:gone]]
-    if parts[0].status == parts[-1].status:
-        joined = parts[0]._replace(start=parts[-1].start, time=parts[0].time + parts[-1].time)
-        parts = [joined, *parts[1:-1]] if len(parts) > 1 else [parts[0]._replace(event=PLANE)]
-    return parts, shooting.plane_at(cycle.flow, parts[0])
+def traced(cycle: LimitCycle) -> list[guesses.Guess]:
+    """The order of statuses that the motion takes from the start of a cycle's longest one."""
+    longest = max(cycle.segments, key=lambda each: each.time)
+    return guesses.recurrent(cycle.flow, longest.status, longest.start, about=cycle.period)
+
+
+def shortened(cycle: LimitCycle) -> list[guesses.Guess]:
+    """A cycle without its shortest status."""
+    gone = min(range(len(cycle.segments)), key=lambda i: cycle.segments[i].time)
+    parts = [*cycle.segments[gone + 1 :], *cycle.segments[:gone]]
+    if len(parts) > 1 and parts[0].status == parts[-1].status:
+        parts = [parts[0]._replace(start=parts[-1].start, time=parts[0].time + parts[-1].time), *parts[1:-1]]
+    parts = parts if len(parts) > 1 else [parts[0]._replace(event=PLANE)]
+    return [(parts, shooting.plane_at(cycle.flow, parts[0]))]

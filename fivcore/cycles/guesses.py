@@ -9,6 +9,7 @@ import numpy as np
 
 from fivcore.cycles.flow import PLANE, Flow, Segment
 from fivcore.cycles.shooting import plane_at
+from fivcore.checks import short
 from fivcore.errors import InputError, UnsolvedError
 from fivcore.jit import Array
 from fivcore.rig import Scene
@@ -22,6 +23,11 @@ from fivcore.transient.statistics import STICK
 EVENTS, MOST = 300, 80
 # A state returns if it comes so close, in units of the motion's spread; closeness at which the shortest is taken.
 RETURNS, SHORTEST, CLOSE = 0.5, 3.0, 1e-6
+# Segments of a cycle, and the plane where it closes without events; how many are tried.
+Guess = tuple[list[Segment], Array]
+TRIES = 12
+# Share of the time after which two motions on either side of an edge part.
+BEFORE = 0.7
 
 
 def status_of(flow: Flow, contact: int, z: Array) -> int:
@@ -50,10 +56,10 @@ def traced(
 
 def recurrent(
     flow: Flow, status: int, z: Array, *, span: float | None = None, about: float | None = None
-) -> tuple[list[Segment], Array]:
-    """The part of the motion from z on that repeats itself best, or after `about` so long, s, and its plane."""
+) -> list[Guess]:
+    """Parts of the motion from z on that repeat themselves, the best first, if given after `about` so long, s."""
     plane = plane_at(flow, Segment(status, PLANE, 0.0, z))
-    span = 3.0 * about if about is not None else span
+    span = 3.0 * about if span is None and about is not None else span
     segments = traced(flow, z, status, span, None, about)
     if len(segments) < 3:
         segments = traced(flow, z, status, span, plane, about)
@@ -65,35 +71,80 @@ def recurrent(
             same = segments[i].status == segments[j].status and (i == 0 or segments[i - 1][:2] == segments[j - 1][:2])
             if same and (about is None or abs(times[j] - times[i] - about) < 0.3 * about):
                 pairs.append((float(np.linalg.norm(starts[j] - starts[i])) / spread, times[j] - times[i], i, j))
-    if not pairs or (best := min(pairs))[0] > RETURNS:
+    pairs.sort()
+    if not pairs or pairs[0][0] > RETURNS:
         raise UnsolvedError("limit_cycle: nothing in this motion repeats itself; give another guess")
-    near = [pair for pair in pairs if pair[0] <= max(SHORTEST * best[0], 1e-4)]
-    _, _, i, j = min(near, key=lambda pair: pair[1])
-    found = segments[i:j]
-    return found, plane_at(flow, found[0])
+    near = [pair for pair in pairs if pair[0] <= max(SHORTEST * pairs[0][0], 1e-4)]
+    pairs.remove(shortest := min(near, key=lambda pair: pair[1]))
+    return [(segments[i:j], plane_at(flow, segments[i])) for _, _, i, j in [shortest, *pairs][:TRIES]]
 
 
-def segments_of(
+def guesses_of(
     scene: Scene, flow: Flow, guess: Any, options: Options, duration: float
-) -> tuple[list[Segment], Array]:
-    """Segments and plane of a guess (`limit_cycle`)."""
+) -> list[Guess]:
+    """Guesses for a guess of `limit_cycle`, the best first."""
     if guess is None:
         return by_run(scene, flow, options, duration)
     if isinstance(guess, State):
         return from_state(flow, guess)
-    raise InputError(f"guess = {guess!r}: it must be a LimitCycle, a State, two of them, an amplitude or None")
+    if isinstance(guess, tuple) and len(guess) == 2 and all(isinstance(each, State) for each in guess):
+        return from_state(flow, *on_edge(scene, guess, options, duration))
+    if isinstance(guess, (int, float)) and guess > 0.0:
+        return of_mode(flow, float(guess))
+    text = "it must be a LimitCycle, a State, two of them, an amplitude above 0 (m/s) or None"
+    raise InputError(f"guess = {short(guess)}: {text}")
 
 
-def from_state(flow: Flow, state: State) -> tuple[list[Segment], Array]:
-    """From a state of the scene, in its own units."""
+def from_state(flow: Flow, state: State, about: float | None = None) -> list[Guess]:
+    """From a state of the scene, in its own units, and near a period, s."""
     load = flow.scene.load
     own = State(state.displacement / load, state.velocity / load, state.contact)
     z = flow.of_state(own)
     status = status_of(flow, own.contact, z)
-    return recurrent(flow, status, flow.entry(status, status) @ z, span=1e5 * flow.grid)
+    span = 1e5 * flow.grid if about is None else 30.0 * about
+    return recurrent(flow, status, flow.entry(status, status) @ z, span=span, about=about)
 
 
-def by_run(scene: Scene, flow: Flow, options: Options, duration: float) -> tuple[list[Segment], Array]:
+def by_run(scene: Scene, flow: Flow, options: Options, duration: float) -> list[Guess]:
     """From the end of a run."""
     run = simulate(scene, duration, options=replace(options, record=False))
     return from_state(flow, run.final_state)
+
+
+def of_mode(flow: Flow, amplitude: float) -> list[Guess]:
+    """Steady sliding and the mode of it that grows most, with an amplitude of the velocity of B, m/s."""
+    status, z = SLIP_UP, np.eye(len(flow.velocity_B))[-1]
+    for _ in range(50):
+        rate, derivative = flow.field(status, z)
+        change = np.linalg.lstsq(derivative[:-1, :-1], rate[:-1], rcond=1e-14)[0]
+        z[:-1] -= change
+        if np.linalg.norm(change) <= 1e-12 * flow.size(z):
+            break
+    values, vectors = np.linalg.eig(flow.field(status, z)[1][:-1, :-1])
+    vibrates = np.flatnonzero(values.imag > 0.0)
+    mode = vectors[:, vibrates[np.argmax(values[vibrates].real)]]
+    z[:-1] += (amplitude / flow.scene.load * mode / abs(flow.velocity_B[:-1] @ mode)).real
+    return recurrent(flow, status, flow.entry(status, status) @ z, span=1e5 * flow.grid)
+
+
+def on_edge(scene: Scene, ends: tuple[State, State], options: Options, duration: float) -> tuple[State, float]:
+    """A state and the period on the edge between the motions to which two states lead, long before they part there."""
+    place, change = (np.stack([each.displacement, each.velocity]) for each in ends)
+    change, options = change - place, replace(options, settle=0.7 * duration)
+
+    def run(share: float, time: float = duration, **series: Any) -> Any:
+        start = State.of(scene, *(place + share * change))
+        return simulate(scene, time, options=replace(options, initial=start, **series))
+
+    (first, last), low, high = (run(share).summary["velocity_rms"] for share in (0.0, 1.0)), 0.0, 1.0
+    if not max(first, last) > 2.0 * min(first, last):
+        raise UnsolvedError(f"limit_cycle: both states lead to one motion, of {first:.3g} and {last:.3g} m/s RMS")
+    while high - low > 4e-16 * high:
+        middle = 0.5 * (low + high)
+        nearer = abs(run(middle).summary["velocity_rms"] - first) < abs(first - last) / 2.0
+        low, high = (middle, high) if nearer else (low, middle)
+    one, other = (run(share, record=("velocity_B",)) for share in (low, high))
+    apart = np.abs(one.velocity_B - other.velocity_B) > 1e-2 * np.abs(one.velocity_B).max()
+    part = one.time[np.argmax(apart)] if apart.any() else duration
+    near = run(low, BEFORE * float(part), settle=0.3 * part)
+    return near.final_state, 1.0 / near.summary["dominant_frequency"]

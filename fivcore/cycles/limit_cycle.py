@@ -174,8 +174,8 @@ def limit_cycle(scene: Scene, guess: Any = None, *, options: Options | None = No
     try:
         flow = flow_of(scene, given)
         if isinstance(guess, LimitCycle):
-            return closed(scene, flow, guess.segments, guess.plane)
-        return closed(scene, flow, *guesses.segments_of(scene, flow, guess, given, duration))
+            return closed(scene, flow, [(guess.segments, guess.plane)])
+        return closed(scene, flow, guesses.guesses_of(scene, flow, guess, given, duration))
     except SceneError as error:
         raise located(error, scene) from None
 
@@ -185,17 +185,25 @@ def flow_of(scene: Scene, options: Options, like: Flow | None = None) -> Flow:
     return Flow(*request(scene, 1.0, replace(options, initial=None))[1:], like)
 
 
-def closed(scene: Scene, flow: Flow, segments: list[Segment], plane: Array) -> LimitCycle:
-    """The cycle near a guess, whose statuses are corrected until each lasts as long as its margins allow."""
-    for _ in range(REPAIRS):
-        solved = shooting.solve(flow, segments, plane)
-        if solved is None:
-            break
-        cycle = made(scene, flow, *solved, plane)
-        if violation(cycle) is None:
-            return cycle
-        segments, plane = guesses.recurrent(flow, *solved[0][0][::3], about=cycle.period)
-    raise UnsolvedError(f"limit_cycle: Newton's method did not converge from {described(segments)}; give another guess")
+def closed(scene: Scene, flow: Flow, tries: list[guesses.Guess]) -> LimitCycle:
+    """The first cycle that guesses lead to, with statuses that last as long as their margins allow."""
+    for guess in tries:
+        segments, plane = guess
+        for attempt in range(REPAIRS):
+            if solved := shooting.solve(flow, segments, plane):
+                cycle = made(scene, flow, *solved, plane)
+                if violation(cycle) is None:
+                    return cycle
+                segments = cycle.segments
+            elif attempt:
+                break
+            longest, period = max(segments, key=lambda each: each.time), sum(each.time for each in segments)
+            try:
+                segments, plane = guesses.recurrent(flow, longest.status, longest.start, about=period)[0]
+            except UnsolvedError:
+                break
+    text = f"limit_cycle: Newton's method did not converge from {described(tries[0][0])}"
+    raise UnsolvedError(f"{text}, nor from {len(tries) - 1} other guesses; give another guess")
 
 
 def made(scene: Scene, flow: Flow, segments: list[Segment], linear: Linear, plane: Array) -> LimitCycle:
