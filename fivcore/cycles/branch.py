@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fivcore import checks
+from fivcore.beams.modes import one_blas_thread
 from fivcore.cycles import guesses, shooting
 from fivcore.cycles.flow import PLANE, Flow, Segment
 from fivcore.cycles.limit_cycle import STATUSES, LimitCycle, closed, flow_of, least_margins, made, violation
@@ -202,6 +203,7 @@ def grazes(cycle: LimitCycle) -> str:
     return f"{begins} begins within {name}"
 
 
+@one_blas_thread()
 def follow_cycle(
     cycle: LimitCycle, parameter: str, until: float, *, most: int = 200, options: Options | None = None, **keywords: Any
 ) -> CycleBranch:
@@ -321,15 +323,16 @@ def reordered(way: _Follower, before: _Point, beyond: _Point, place: float) -> _
     """A point with the order of statuses that the motion has beyond a graze, on that side of it or back."""
     cycle, old = beyond.cycle, [each[:2] for each in before.cycle.segments]
     turned = [old[j:] + old[:j] for j in range(len(old))]
-    for side in (beyond, before):
+    for value in (beyond.value, 2.0 * beyond.value - before.value, before.value):
         for guess in (traced, shortened):
             try:
-                other = closed(side.cycle.scene, side.cycle.flow, guess(cycle)[:1])
-            except UnsolvedError:
+                scene, flow = way.flow(cycle.scene, value, cycle.flow)
+                other = closed(scene, flow, guess(cycle)[:1])
+            except (UnsolvedError, InputError):
                 continue
             near = abs(np.ptp(other.velocity_B) / np.ptp(cycle.velocity_B) - 1.0) < NEAR
             if near and [each[:2] for each in other.segments] not in turned:
-                return way.point(other, side.value, sense(other, side.value - place))
+                return way.point(other, value, sense(other, value - place))
     return None
 
 

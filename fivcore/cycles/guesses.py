@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -26,6 +27,10 @@ RETURNS, SHORTEST, CLOSE = 0.5, 3.0, 1e-6
 # Segments of a cycle, and the plane where it closes without events; how many are tried.
 Guess = tuple[list[Segment], Array]
 TRIES = 12
+# Signals by which windows of a run are compared, their length in periods, what is added to their spread so that quiet
+# ones do not come first, the share of a run before them, their number, and how many guesses each gives.
+SIGNALS = ("velocity_B", "normal_force", "slip_velocity")
+WINDOW, QUIET, SETTLED, WINDOWS, PAIRS = 4.0, 0.2, 0.3, 40, 3
 # Share of the time after which two motions on either side of an edge part.
 BEFORE = 0.7
 
@@ -81,7 +86,7 @@ def recurrent(
 
 def guesses_of(
     scene: Scene, flow: Flow, guess: Any, options: Options, duration: float
-) -> list[Guess]:
+) -> Iterable[Guess]:
     """Guesses for a guess of `limit_cycle`, the best first."""
     if guess is None:
         return by_run(scene, flow, options, duration)
@@ -105,10 +110,46 @@ def from_state(flow: Flow, state: State, about: float | None = None) -> list[Gue
     return recurrent(flow, status, flow.entry(status, status) @ z, span=span, about=about)
 
 
-def by_run(scene: Scene, flow: Flow, options: Options, duration: float) -> list[Guess]:
-    """From the end of a run."""
-    run = simulate(scene, duration, options=replace(options, record=False))
-    return from_state(flow, run.final_state)
+def by_run(scene: Scene, flow: Flow, options: Options, duration: float) -> Iterator[Guess]:
+    """From the end of a run, if that is regular, and from the windows of it that repeat themselves best."""
+    given = replace(options, record=SIGNALS, skip_sticks=False)
+    run = simulate(scene, duration, options=given)
+    regime, frequency = run.summary["regime"], float(run.summary["dominant_frequency"])
+    if regime not in ("periodic", "irregular", "intermittent") or not np.isfinite(frequency):
+        raise UnsolvedError(f"limit_cycle: after {duration:g} s the motion is {regime!r}; give a guess or a duration")
+    if regime != "irregular":
+        yield from from_state(flow, run.final_state)
+    for start, lag in windows(run, frequency):
+        state = simulate(scene, start, options=replace(given, record=False)).final_state
+        try:
+            yield from from_state(flow, state, lag)[:PAIRS]
+        except UnsolvedError:
+            continue
+
+
+def windows(run: Any, frequency: float) -> list[tuple[float, float]]:
+    """Starts of the windows of a run that repeat themselves best, and after how long they do, s."""
+    late = run.time > SETTLED * run.time[-1]
+    time, rows = run.time[late], np.stack([getattr(run, name)[late] for name in SIGNALS])
+    rows = (rows - rows.mean(axis=1, keepdims=True)) / (rows.std(axis=1, keepdims=True) + 1e-300)
+    span = 1.0 / (frequency * float(time[1] - time[0]))
+    length, found = round(WINDOW * span), []
+
+    def mean(row: Array) -> Array:
+        total = np.cumsum(row)
+        return np.asarray((total[length:] - total[:-length]) / length)
+
+    spread = sum(mean(row**2) - mean(row) ** 2 for row in rows) + QUIET
+    for lag in range(int(0.7 * span), int(1.4 * span) + 2):
+        missed = mean(((rows[:, lag:] - rows[:, :-lag]) ** 2).sum(axis=0))
+        missed /= spread[: len(missed)]
+        for first in range(0, len(missed), 2 * length):
+            k = first + int(np.argmin(missed[first : first + 2 * length]))
+            found.append((float(missed[k]), float(time[k]), lag * float(time[1] - time[0])))
+    best: dict[float, tuple[float, float]] = {}
+    for _, start, lag in sorted(found):
+        best.setdefault(round(start * frequency / WINDOW), (start, lag))
+    return list(best.values())[:WINDOWS]
 
 
 def of_mode(flow: Flow, amplitude: float) -> list[Guess]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -10,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fivcore.beams.modes import one_blas_thread
 from fivcore.cycles import guesses, shooting
 from fivcore.cycles.flow import GAP, SLIP_RATE, N, T, Flow, Segment
 from fivcore.cycles.shooting import Linear
-from fivcore.errors import SceneError, UnsolvedError
+from fivcore.errors import InputError, SceneError, UnsolvedError
 from fivcore.jit import Array, Complex
 from fivcore.rig import Scene
 from fivcore.transient.driver import located
@@ -171,6 +173,8 @@ def limit_cycle(scene: Scene, guess: Any = None, *, options: Options | None = No
     """
     duration = keywords.pop("duration", 0.5 * scene.rig.time_unit)
     given = options_of(options, keywords)
+    if given.method != "fast":
+        raise InputError(f"method = {given.method!r}: a limit cycle is that of the reduced model; leave it out")
     try:
         flow = flow_of(scene, given)
         if isinstance(guess, LimitCycle):
@@ -185,10 +189,12 @@ def flow_of(scene: Scene, options: Options, like: Flow | None = None) -> Flow:
     return Flow(*request(scene, 1.0, replace(options, initial=None))[1:], like)
 
 
-def closed(scene: Scene, flow: Flow, tries: list[guesses.Guess]) -> LimitCycle:
+@one_blas_thread()
+def closed(scene: Scene, flow: Flow, tries: Iterable[guesses.Guess]) -> LimitCycle:
     """The first cycle that guesses lead to, with statuses that last as long as their margins allow."""
-    for guess in tries:
-        segments, plane = guess
+    first, count = None, 0
+    for count, (segments, plane) in enumerate(tries, 1):
+        first = first or segments
         for attempt in range(REPAIRS):
             if solved := shooting.solve(flow, segments, plane):
                 cycle = made(scene, flow, *solved, plane)
@@ -202,8 +208,8 @@ def closed(scene: Scene, flow: Flow, tries: list[guesses.Guess]) -> LimitCycle:
                 segments, plane = guesses.recurrent(flow, longest.status, longest.start, about=period)[0]
             except UnsolvedError:
                 break
-    text = f"limit_cycle: Newton's method did not converge from {described(tries[0][0])}"
-    raise UnsolvedError(f"{text}, nor from {len(tries) - 1} other guesses; give another guess")
+    text = f"limit_cycle: Newton's method did not converge from {described(first or [])}"
+    raise UnsolvedError(f"{text}, nor from {count - 1} other guesses; give another")
 
 
 def made(scene: Scene, flow: Flow, segments: list[Segment], linear: Linear, plane: Array) -> LimitCycle:
