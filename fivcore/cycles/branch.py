@@ -1,6 +1,6 @@
 """Limit cycles over a parameter: continuation by pseudo-arclength through folds and grazing places.
 
-A point is (z_0, p), with z_0 in units of the motion's size and p in those of its range; a step goes along the tangent
+A point is all z_i and p, in units of the motion's size and of the parameter's range; a step goes along the tangent
 and is corrected across it (H. B. Keller, in Applications of Bifurcation Theory, 1977, 359-384). Where a margin
 vanishes within a status, or a status has no duration left, the motion grazes: the order of statuses changes there,
 and the branch goes on with the new order, in the same direction or back.
@@ -18,11 +18,11 @@ from fivcore import checks
 from fivcore.beams.modes import one_blas_thread
 from fivcore.cycles import guesses, shooting
 from fivcore.cycles.flow import PLANE, Flow, Segment
-from fivcore.cycles.limit_cycle import STATUSES, LimitCycle, closed, flow_of, least_margins, made, violation
+from fivcore.cycles.limit_cycle import STATUSES, LimitCycle, closed, flow_of, made, violation
 from fivcore.errors import InputError, SceneError, UnsolvedError
 from fivcore.friction import FRICTION_PARAMETERS
 from fivcore.jit import Array
-from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS, Rig, Scene
+from fivcore.rig import BEAM_PARAMETERS, PAPER, RIG_PARAMETERS, Rig, Scene
 from fivcore.transient.options import Options, options_of
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 
@@ -79,7 +79,9 @@ class _Follower:
 
     def point(self, cycle: LimitCycle, value: float, old: Array) -> _Point:
         """A point with its tangent, which has the sense of an old one."""
-        return self.made(cycle, value, self.linear(cycle.scene, cycle.flow, value, cycle.segments, cycle.plane), old)
+        return self.made(
+            cycle, value, self.linear(cycle.scene, cycle.flow, value, cycle.segments, cycle.plane), old
+        )
 
     def made(self, cycle: LimitCycle, value: float, linear: shooting.Linear, old: Array) -> _Point:
         """A point of linearised equations."""
@@ -145,7 +147,9 @@ def stacked(segments: list[Segment]) -> Array:
 def spread(linear: shooting.Linear, start: Array, change: float) -> tuple[Array, Array]:
     """Changes of all starts in a row, in units of the motion: for dz_0 and dp, and of what does not close."""
     z = np.append(start, 0.0)
-    parts = [(M @ z + d[:, 1] * change, d[:, 0]) for M, d in zip(linear.maps[:-1], linear.offsets[:-1], strict=True)]
+    parts = [
+        (M @ z + d[:, 1] * change, d[:, 0]) for M, d in zip(linear.maps[:-1], linear.offsets[:-1], strict=True)
+    ]
     moved, missed = (np.concatenate(each) / linear.size for each in zip(*parts, strict=True))
     return moved, missed
 
@@ -161,51 +165,45 @@ def bordered(linear: shooting.Linear, tangent: Array, along: float, offsets: Any
     right = np.zeros(size + 1) if offsets is None else np.append(linear.offsets[-1][:-1, 0], -by_d)
     right[-1] += along
     scale = np.append(np.full(size, linear.size), 1.0)
-    found = scale * np.linalg.solve(matrix * scale / np.append(np.full(size, linear.size), 1.0)[:, None], right / scale)
+    found = scale * np.linalg.solve(
+        matrix * scale / np.append(np.full(size, linear.size), 1.0)[:, None], right / scale
+    )
     return found[:-1], float(found[-1])
 
 
 def with_value(scene: Scene, name: str, value: float) -> Scene:
     """The scene with another value of V, theta, mu, F, a number of its friction or of its rig."""
+    change: dict[str, Any] = {name: value}
+    (beam, _, field), rig = name.partition("_"), scene.rig
     if name in ("V", "theta", "mu", "F"):
-        return replace(scene, **{name: value})
+        return replace(scene, **change)
     if name in FRICTION_PARAMETERS:
-        return replace(scene, friction=replace(scene.friction, **{name: value}))
-    beam, _, field = name.partition("_")
-    if not isinstance(scene.rig, Rig) or not (name in RIG_PARAMETERS or beam in ("p1", "p2") and field in BEAM_PARAMETERS):
-        raise InputError(f"parameter = {name!r}: it must be V, theta, mu, F, {', '.join(FRICTION_PARAMETERS)} or a number of a rig")
-    if name in RIG_PARAMETERS:
-        return replace(scene, rig=replace(scene.rig, **{name: value}))
-    return replace(scene, rig=replace(scene.rig, **{beam: replace(getattr(scene.rig, beam), **{field: value})}))
+        return replace(scene, friction=replace(scene.friction, **change))
+    if isinstance(rig, Rig) and beam in PAPER and field in BEAM_PARAMETERS:
+        name, change = beam, {beam: replace(getattr(rig, beam), **{field: value})}
+    if not isinstance(rig, Rig) or name not in (*PAPER, *RIG_PARAMETERS):
+        names = ", ".join(("V", "theta", "mu", "F", *FRICTION_PARAMETERS))
+        raise InputError(f"parameter = {name!r}: it must be one of {names} or a number of a rig")
+    return replace(scene, rig=replace(rig, **change))
 
 
 def value_of(scene: Scene, name: str) -> float:
     """The value of a parameter (`with_value`)."""
     beam, _, field = name.partition("_")
-    holders: tuple[Any, ...] = (scene, scene.friction, scene.rig)
-    for holder in holders:
-        if hasattr(holder, name):
-            return float(getattr(holder, name))
-    return float(getattr(getattr(scene.rig, beam), field))
-
-
-def grazes(cycle: LimitCycle) -> str:
-    """What a negative margin or duration of a cycle means; empty if there is none."""
-    found = violation(cycle)
-    if found is None:
-        return ""
-    i, k, _ = found
-    each = cycle.segments[i]
-    name = STATUSES[min(each.status, SLIP)]
-    if each.time <= 0.0:
-        return f"{name} vanishes"
-    begins = "contact" if each.status == SEPARATION else "separation" if k == 0 else "slip" if each.status == STICK else "stick"
-    return f"{begins} begins within {name}"
+    holders = (scene, scene.friction, scene.rig)
+    own = [getattr(each, name) for each in holders if hasattr(each, name)]
+    return float(own[0] if own else getattr(getattr(scene.rig, beam, None), field, np.nan))
 
 
 @one_blas_thread()
 def follow_cycle(
-    cycle: LimitCycle, parameter: str, until: float, *, most: int = 200, options: Options | None = None, **keywords: Any
+    cycle: LimitCycle,
+    parameter: str,
+    until: float,
+    *,
+    most: int = 200,
+    options: Options | None = None,
+    **keywords: Any,
 ) -> CycleBranch:
     """Follow a limit cycle over a parameter, through folds, until it has the value `until` or comes back.
 
@@ -228,49 +226,72 @@ def follow_cycle(
     given, start = options_of(options, keywords), value_of(cycle.scene, parameter)
     span = abs(checks.number("until", until, "another value than the start's", lambda x: x != start) - start)
     way = _Follower(parameter, span, given)
-    point = way.point(cycle, start, sense(cycle, until - start))
-    points, places, length, end = [point], list[Place](), FIRST, f"{most} points"
-    while len(points) < most:
+    points, places, length, end = [way.point(cycle, start, sense(cycle, until - start))], list[Place](), FIRST, ""
+    while len(points) < most and not end:
+        point = points[-1]
         if (taken := way.step(point, length)) is None:
             length *= 0.5
-            if length < LEAST:
-                end = f"no convergence beyond {parameter} = {point.value:.6g}"
-                break
+            end = f"no convergence beyond {parameter} = {point.value:.9g}" if length < LEAST else ""
             continue
-        after, iterations = taken
-        measure = graze_measure(after.cycle)
-        if measure is not None:
-            place, text = way.located(point, length, measure), grazes(after.cycle)
-            changed = reordered(way, point, after, place.value)
-            if changed is not None and len(changed.cycle.segments) < len(after.cycle.segments):
-                # Where a status vanishes its duration has no derivative; the margin beyond has.
-                lengths = [-LEAST * 4.0**k for k in range(9)]
-                taken = [each for each in lengths if (at := way.step(changed, each)) and least_inner(at[0]) < 0.0]
-                place = way.located(changed, taken[0], least_inner) if taken else place
-                lost = {each.status for each in after.cycle.segments} - {each.status for each in changed.cycle.segments}
-                text = f"{STATUSES[min(max(lost), SLIP)] if lost else 'a short status'} vanishes"
-            places.append(Place(place.value, text))
-            if changed is None:
-                end = f"{text} at {parameter} = {place.value:.9g}, and no cycle with another order is found"
-                break
-            if (changed.tangent[-1] > 0.0) != (point.tangent[-1] > 0.0):
-                places.append(Place(place.value, "fold"))
-            after, length = changed, FIRST
-        elif after.cycle.plane[:-1] @ point.cycle.plane[:-1] < 0.0 and len(after.cycle.segments) == 1:
-            value = born([*points, after])
-            places.append(Place(value, "birth"))
-            end = f"birth from steady sliding at {parameter} = {value:.9g}"
+        (after, iterations), gone = taken, length
+        length = min(length * (1.5 if iterations <= 3 else 0.7 if iterations > 5 else 1.0), LARGEST)
+        flips = len(after.cycle.segments) == 1 and after.cycle.plane[:-1] @ point.cycle.plane[:-1] < 0.0
+        if flips:
+            # Past a cycle without amplitude comes the same one, half a period later.
+            places.append(Place(born([*points, after]), "birth from steady sliding"))
+            end = f"{places[-1].text} at {parameter} = {places[-1].value:.9g}"
             break
+        if violation(after.cycle) is not None:
+            place, changed = passed(way, point, after, gone)
+            places.append(place)
+            if changed is None:
+                end = f"{place.text} at {parameter} = {place.value:.9g}, and no cycle with another order is found"
+                break
+            after, length = changed, FIRST
+            if changed.tangent[-1] * point.tangent[-1] < 0.0:
+                places.append(Place(place.value, "fold"))
         elif after.tangent[-1] * point.tangent[-1] < 0.0:
-            fold = way.located(point, length, lambda one: float(one.tangent[-1]))
+            fold = way.located(point, gone, lambda one: float(one.tangent[-1]))
             places.append(Place(fold.value, "fold"))
         points.append(after)
-        point = after
-        length = min(length * (1.5 if iterations <= 3 else 0.7 if iterations > 5 else 1.0), LARGEST)
-        if abs(point.value - start) > span * (1.0 - 1e-12):
-            end = f"{parameter} = {point.value:.6g}"
-            break
-    return CycleBranch(parameter, np.array([each.value for each in points]), [each.cycle for each in points], places, end)
+        if abs(after.value - start) >= span:
+            end = f"{parameter} = {after.value:.6g}"
+    return CycleBranch(
+        parameter,
+        np.array([each.value for each in points]),
+        [each.cycle for each in points],
+        places,
+        end or f"{most} points",
+    )
+
+
+def passed(way: _Follower, before: _Point, beyond: _Point, length: float) -> tuple[Place, _Point | None]:
+    """The graze within a step and what happens there, and a point of the branch beyond it."""
+    i, k, _ = violation(beyond.cycle) or (0, 0, 0.0)
+    each, old = beyond.cycle.segments[i], beyond.cycle.segments
+    name = STATUSES[min(each.status, SLIP)]
+    if each.time <= 0.0:
+        text, place = (
+            f"{name} vanishes",
+            way.located(before, length, lambda p: p.cycle.segments[i].time / p.cycle.period),
+        )
+    else:
+        begins = (
+            {SEPARATION: "contact", STICK: "slip"}.get(each.status, "stick")
+            if k or not each.status
+            else "separation"
+        )
+        text = f"{begins} begins within {name}"
+        place = way.located(before, length, lambda p: inner_margin(p.cycle.flow, p.cycle.segments[i], k))
+    changed = reordered(way, before, beyond, place.value)
+    if changed is not None and len(changed.cycle.segments) < len(old):
+        # Where a status vanishes its duration has no derivative by the parameter; the margin beyond it has.
+        lengths = [-LEAST * 4.0**k for k in range(9)]
+        back = [x for x in lengths if (at := way.step(changed, x)) and least_inner(at[0]) < 0.0]
+        place = way.located(changed, back[0], least_inner) if back else place
+        shortest = min(old, key=lambda one: one.time)
+        text = f"{STATUSES[min(shortest.status, SLIP)]} vanishes"
+    return Place(place.value, text), changed
 
 
 def born(points: list[_Point]) -> float:
@@ -280,25 +301,18 @@ def born(points: list[_Point]) -> float:
     return float(np.polynomial.Polynomial.fit(sizes**2, [each.value for each in near], 3)(0.0))
 
 
-def graze_measure(cycle: LimitCycle) -> Callable[[_Point], float] | None:
-    """What vanishes at the graze that a cycle is beyond, as a function of points with its order of statuses."""
-    found = violation(cycle)
-    if found is None:
-        return None
-    i, k, _ = found
-    if cycle.segments[i].time <= 0.0:
-        return lambda point: point.cycle.segments[i].time / point.cycle.period
-    return lambda point: inner_margin(point.cycle.flow, point.cycle.segments[i], k)
-
-
 def least_inner(point: _Point) -> float:
     """Least inner margin of a cycle."""
-    parts = [(each, k) for each in point.cycle.segments for k in range(3 if each.status == STICK else 2 if each.status else 1)]
+    parts = [
+        (each, k)
+        for each in point.cycle.segments
+        for k in range(3 if each.status == STICK else 2 if each.status else 1)
+    ]
     return min(inner_margin(point.cycle.flow, *part) for part in parts)
 
 
 def inner_margin(flow: Flow, segment: Segment, k: int) -> float:
-    """Least local minimum of a margin within a segment, by parabolas; its least value at the ends if it has none."""
+    """Least local minimum of a margin within a segment, by parabolas; without one its value at an end."""
     times, z = flow.samples(segment.status, segment.start, segment.time)
     if segment.event == PLANE:
         z = np.column_stack([z, z[:, 1:]])

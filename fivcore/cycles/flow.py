@@ -2,9 +2,8 @@
 
 In a contact status of `fivcore.contact.law` the motion is y' = A y + b: a matrix exponential takes it, and any
 deviation from it, over any time without a step. Where friction falls with the speed, slip is integrated together
-with its variational equation by the method of order 8 of Dormand and Prince. Steps of `fast` would serve less: an
-event moves by whole steps only, so that the tangent of its steps misses that a deviation shifts the force's jump at a
-touchdown.
+with its variational equation by the method of order 8 of Dormand and Prince. In steps of `fast` an event moves by
+whole steps only: their tangent misses that a deviation shifts a touchdown, where N jumps.
 
 A state z (m + 1,) is (omega q, v, sqrt(K) u, 1), so that the sum of squares is an energy and affine maps are
 matrices; q are deviations from `ReducedModel.static_equilibrium`. Statuses have the numbers of
@@ -14,7 +13,6 @@ matrices; q are deviations from `ReducedModel.static_equilibrium`. Statuses have
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +20,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from fivcore.contact.law import resistance
-from fivcore.contact.reduced import full_model, modified, reduced_model
+from fivcore.contact.reduced import ReducedModel, full_model, modified, reduced_model
 from fivcore.errors import SceneValueError, not_unique
 from fivcore.jit import Array
 from fivcore.transient.exact_kernels import SLIP_DOWN, SLIP_UP, coefficient, sliding
@@ -41,7 +39,7 @@ PLANE = -1
 
 
 class Segment(NamedTuple):
-    """Motion in one status from `start` (m + 1,) to an event, the number of a margin or `PLANE`, after `time`, s."""
+    """Motion from `start` (m + 1,) to an event, the number of a margin or `PLANE`, after `time`, s."""
 
     status: int
     event: int
@@ -54,18 +52,18 @@ class Flow:
 
     def __init__(self, scene: Normalised, options: RunOptions, like: Flow | None = None) -> None:
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
-        self.signs = np.ones(len(model.stiffness))
+        n, law = len(model.stiffness), scene.friction
+        self.signs = np.ones(n)
         if like is not None:
-            rows = [np.stack([*one.shapes, one.output]) for one in (model, like.model)]
-            if rows[0].shape != rows[1].shape:
+            now, then = (np.stack([*each.shapes, each.output]) for each in (model, like.model))
+            if now.shape != then.shape:
                 raise SceneValueError("scene: it has not as many modes as the one before; give a cutoff")
-            self.signs = np.where(np.sum(rows[0] * rows[1], axis=0) < 0.0, -1.0, 1.0)
-            changed = {name: self.signs * getattr(model, name) for name in SIGNED}
-            model = replace(model, **changed)
-        self.scene, self.options, self.model, self.rigid = scene, options, model, not model.K.any()
+            self.signs = np.where(np.sum(now * then, axis=0) < 0.0, -1.0, 1.0)
+            model = replace(model, **{name: self.signs * getattr(model, name) for name in SIGNED})
+        self.scene, self.rigid = scene, not model.K.any()
+        self.model: ReducedModel = model
         if not (self.rigid or model.C.any()):
             raise SceneValueError("scene: its contact has no dashpot, which a limit cycle needs; give d2 > 0")
-        law, n = scene.friction, len(model.stiffness)
         ratio = law.kinetic_ratio if law.decay_speed == 0.0 else 1.0
         if scene.mu * ratio >= (most := model.painleve_mu(None)):
             raise not_unique(scene.mu, most)
@@ -74,24 +72,26 @@ class Flow:
         fastest = float(np.sqrt(model.stiffness.max())) if self.rigid else model.contact_frequency
         self.grid = (RIGID_GRID if self.rigid else COMPLIANT_GRID) / fastest
         omega = np.sqrt(np.where(model.stiffness > 0.0, model.stiffness, fastest**2))
-        self._units = np.concatenate([omega, np.ones(n), [] if self.rigid else np.sqrt(np.diag(model.K))])
+        springs = np.zeros(0) if self.rigid else np.sqrt(np.diag(model.K))
+        self._units = np.concatenate([omega, np.ones(n), springs])
+        # Rows of q, v, u and 1.
         rows = np.eye(len(self._units) + 1)
         q, v, one = rows[:n] / omega[:, None], rows[n : 2 * n], rows[-1]
-        self.velocity_B = model.output @ v
-        self._gap = model.normal @ q
+        self.velocity_B, self._gap = model.output @ v, model.normal @ q
         self._rates = model.shapes @ v - np.outer([0.0, scene.speed_per_load], one)
         free = -model.stiffness[:, None] * q - model.damping[:, None] * v - np.outer(model.normal, one)
-        self._base, self._push = np.zeros((len(rows), len(rows))), np.zeros((len(rows), 4))
+        # Rate of z without contact, and what N, T and the rates of u add.
+        self._base, self._push = 0.0 * rows, np.zeros((len(rows), 4))
         self._base[:n], self._base[n : 2 * n], self._push[n : 2 * n, :2] = omega[:, None] * v, free, model.shapes.T
+        self._free_N = model.normal @ free
         if self.rigid:
             self._stick = -resistance(model.W) @ model.shapes @ free
-            self._free_N = model.normal @ free
         else:
-            u = rows[2 * n : -1] / self._units[2 * n :, None]
-            self._push[2 * n : -1, 2:] = np.diag(self._units[2 * n :])
+            u = rows[2 * n : -1] / springs[:, None]
+            self._push[2 * n : -1, 2:] = np.diag(springs)
             self._spring = model.K @ u + np.outer([1.0, 0.0], one)
             self._stick, self._gap = self._spring - model.C @ self._rates, self._gap + u[0]
-        self._powers = lru_cache(self._doubled)
+        self._blocks: dict[int, list[Array]] = {}
 
     # The law of a status.
 
@@ -186,12 +186,6 @@ class Flow:
         """Norm of a motion, not less than that of the drive."""
         return max(float(np.linalg.norm(z[:-1])), self.scene.speed_per_load)
 
-    def _doubled(self, status: int) -> list[Array]:
-        powers = [expm(self.grid * self.field(status, np.eye(len(self._base))[-1])[1])]
-        while len(powers) < DOUBLINGS:
-            powers.append(powers[-1] @ powers[-1])
-        return powers
-
     def samples(self, status: int, z: Array, time: float | None = None) -> tuple[Array, Array]:
         """Times (k,) and states (m + 1, k) up to `time`, s, by default of the next block of the grid."""
         count = 2**DOUBLINGS if time is None else max(int(np.ceil(time / self.grid)), 8)
@@ -202,9 +196,14 @@ class Flow:
             return times, found.y
         states = z[:, None]
         if time is None:
-            for power in self._powers(status):
+            if status not in self._blocks:
+                powers = [expm(self.grid * self.field(status, z)[1])]
+                while len(powers) < DOUBLINGS:
+                    powers.append(powers[-1] @ powers[-1])
+                self._blocks[status] = powers
+            for power in self._blocks[status]:
                 states = np.hstack([states, power @ states])
-            return times, np.column_stack([states, self._powers(status)[0] @ states[:, -1]])
+            return times, np.column_stack([states, self._blocks[status][0] @ states[:, -1]])
         power = expm(times[1] * self.field(status, z)[1])
         while states.shape[1] <= count:
             states, power = np.hstack([states, power @ states]), power @ power
@@ -213,14 +212,14 @@ class Flow:
     # Events.
 
     def entry(self, was: int, status: int) -> Array:
-        """Map of z at the end of a status to that at the start of the next, (m + 1, m + 1): gaps and rates close."""
+        """Map of z at the end of a status to the start of the next, (m + 1, m + 1): gaps and rates close."""
         gaps, n, E = self._gap, len(self.model.stiffness), np.eye(len(self._base))
         if status == SEPARATION:
             return E
         if not self.rigid:
             E[2 * n] -= self._units[2 * n] * gaps
             return E
-        model, W, (v_N, v_T) = self.model, self.model.W, self._rates
+        model, W = self.model, self.model.W
         E[:n] -= np.outer(self._units[:n] * model.normal / W[0, 0], gaps)
         if status == STICK:
             E[n : 2 * n] -= model.shapes.T @ resistance(W) @ self._rates
@@ -233,7 +232,7 @@ class Flow:
                     " coefficient in impacts, or a structure with a compliant contact"
                 )
             m = self._slipping if status == SLIP_UP else -self._slipping
-        E[n : 2 * n] -= np.outer((model.normal + m * model.tangential) / (W[0, 0] + m * W[0, 1]), v_N)
+        E[n : 2 * n] -= np.outer((model.normal + m * model.tangential) / (W[0, 0] + m * W[0, 1]), self._rates[0])
         return E
 
     def following(self, status: int, event: int, z: Array) -> int:
@@ -257,40 +256,51 @@ class Flow:
 
         The time is infinite if it is not within `most`, s.
         """
-        passed = 0.0
-        while True:
+        passed, last = 0.0, len(self._weights(status))
+        while passed <= most:
             times, states = self.samples(status, z)
             values = self.along(status, states)
             if plane is not None:
                 values = np.column_stack([values, -(plane @ states)])
-            # A margin that begins at zero must first have been positive.
-            crossed = (values[1:] <= 0.0) & ((values[:-1] > 0.0) | (np.arange(len(values) - 1) == 0)[:, None])
-            if plane is not None:
-                crossed[:, -1] &= values[:-1, -1] > 0.0
+            # A margin that begins at zero may be negative by rounding, but not after a step.
+            begun = (values[:-1] > 0.0) | (
+                (np.arange(len(values) - 1) == 0)[:, None] & (np.arange(values.shape[1]) < last)
+            )
+            crossed = (values[1:] <= 0.0) & begun
             if crossed.any():
                 k = int(np.argmax(crossed.any(axis=1)))
-                shares = np.where(crossed[k], values[k] / np.where(crossed[k], values[k] - values[k + 1], 1.0), 2.0)
+                falls = np.where(crossed[k], values[k] - values[k + 1], 1.0)
+                shares = np.where(crossed[k], np.maximum(values[k], 0.0) / falls, 2.0)
                 event = int(np.argmin(shares))
-                time = self.grid * (float(np.clip(shares[event], 0.0, 1.0)) if values[k, event] > 0.0 else 1.0)
-                event = PLANE if plane is not None and event == values.shape[1] - 1 else event
+                time = self.grid * (float(shares[event]) or 1.0)
+                event = event if event < last else PLANE
                 for _ in range(4):
                     end, _ = self.over(status, states[:, k], time)
-                    margin, row = (plane @ end, plane) if event == PLANE else (each[event] for each in self.margins(status, end))
+                    margin, row = self.margin(status, event, end, plane)
                     change = margin / float(row @ self.field(status, end)[0])
-                    if not abs(change) < 0.5 * self.grid or abs(change) < 1e-9 * self.grid:
+                    if not 1e-9 * self.grid < abs(change) < 0.5 * self.grid:
                         break
                     time -= change
-                return event, passed + times[k] + time, end
-            passed, z = passed + times[-1], states[:, -1]
-            if passed > most:
-                return PLANE, np.inf, z
+                return event, passed + float(times[k]) + time, end
+            passed, z = passed + float(times[-1]), states[:, -1]
+        return PLANE, np.inf, z
+
+    def margin(self, status: int, event: int, z: Array, plane: Array | None) -> tuple[float, Array]:
+        """The margin that vanishes at an event, and its derivative, (m + 1,)."""
+        if event == PLANE and plane is not None:
+            return float(plane @ z), plane
+        values, rows = self.margins(status, z)
+        return float(values[event]), rows[event]
 
     # States of a run.
 
     def of_state(self, state: State) -> Array:
-        """z of a normalised state, whose drive runs."""
+        """Z of a normalised state, whose drive runs."""
         model, kept = self.model, self.model.kept
-        parts = [self.signs * state.displacement[kept] - model.static_equilibrium, self.signs * state.velocity[kept]]
+        parts = [
+            self.signs * state.displacement[kept] - model.static_equilibrium,
+            self.signs * state.velocity[kept],
+        ]
         if not self.rigid:
             parts.append(residual_gaps(self.scene, kept, state) - np.linalg.solve(model.K, [1.0, 0.0]))
         return np.append(self._units * np.concatenate(parts), 1.0)

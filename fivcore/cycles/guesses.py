@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from fivcore.checks import short
 from fivcore.cycles.flow import PLANE, Flow, Segment
 from fivcore.cycles.shooting import plane_at
-from fivcore.checks import short
 from fivcore.errors import InputError, UnsolvedError
 from fivcore.jit import Array
 from fivcore.rig import Scene
@@ -27,8 +27,8 @@ RETURNS, SHORTEST, CLOSE = 0.5, 3.0, 1e-6
 # Segments of a cycle, and the plane where it closes without events; how many are tried.
 Guess = tuple[list[Segment], Array]
 TRIES = 12
-# Signals by which windows of a run are compared, their length in periods, what is added to their spread so that quiet
-# ones do not come first, the share of a run before them, their number, and how many guesses each gives.
+# Signals by which windows of a run are compared, their length in periods, what is added to their spread so that
+# quiet ones do not come first, the share of a run before them, their number, and how many guesses each gives.
 SIGNALS = ("velocity_B", "normal_force", "slip_velocity")
 WINDOW, QUIET, SETTLED, WINDOWS, PAIRS = 4.0, 0.2, 0.3, 40, 3
 # Share of the time after which two motions on either side of an edge part.
@@ -45,7 +45,8 @@ def traced(
     flow: Flow, z: Array, status: int, span: float, plane: Array | None = None, about: float | None = None
 ) -> list[Segment]:
     """Segments from z on, up to EVENTS or a time, s; the last one ends nothing."""
-    segments, t, closest = [], 0.0, np.inf
+    segments: list[Segment] = []
+    t, closest = 0.0, np.inf
     while len(segments) < EVENTS and t < span and closest > CLOSE:
         event, time, end = flow.to_event(status, z, span - t, plane)
         if not np.isfinite(time):
@@ -55,16 +56,14 @@ def traced(
         after = status if event == PLANE else flow.following(status, event, end)
         z, status = (end if event == PLANE else flow.entry(status, after) @ end), after
         same = [each.start for each in segments[1:] if each.status == status] if about is None else []
-        closest = min([np.linalg.norm(z - each) / flow.size(z) for each in same], default=np.inf)
+        closest = min([float(np.linalg.norm(z - each) / flow.size(z)) for each in same], default=np.inf)
     return [*segments, Segment(status, PLANE, 0.0, z)]
 
 
-def recurrent(
-    flow: Flow, status: int, z: Array, *, span: float | None = None, about: float | None = None
-) -> list[Guess]:
+def recurrent(flow: Flow, status: int, z: Array, *, span: float = 0.0, about: float | None = None) -> list[Guess]:
     """Parts of the motion from z on that repeat themselves, the best first, if given after `about` so long, s."""
     plane = plane_at(flow, Segment(status, PLANE, 0.0, z))
-    span = 3.0 * about if span is None and about is not None else span
+    span = span or 3.0 * (about or 0.0)
     segments = traced(flow, z, status, span, None, about)
     if len(segments) < 3:
         segments = traced(flow, z, status, span, plane, about)
@@ -73,7 +72,9 @@ def recurrent(
     first, pairs = (1 if len(segments) > 3 else 0), []
     for i in range(first, len(segments)):
         for j in range(i + 1, min(i + MOST, len(segments))):
-            same = segments[i].status == segments[j].status and (i == 0 or segments[i - 1][:2] == segments[j - 1][:2])
+            same = segments[i].status == segments[j].status and (
+                i == 0 or segments[i - 1][:2] == segments[j - 1][:2]
+            )
             if same and (about is None or abs(times[j] - times[i] - about) < 0.3 * about):
                 pairs.append((float(np.linalg.norm(starts[j] - starts[i])) / spread, times[j] - times[i], i, j))
     pairs.sort()
@@ -84,9 +85,7 @@ def recurrent(
     return [(segments[i:j], plane_at(flow, segments[i])) for _, _, i, j in [shortest, *pairs][:TRIES]]
 
 
-def guesses_of(
-    scene: Scene, flow: Flow, guess: Any, options: Options, duration: float
-) -> Iterable[Guess]:
+def guesses_of(scene: Scene, flow: Flow, guess: Any, options: Options, duration: float) -> Iterable[Guess]:
     """Guesses for a guess of `limit_cycle`, the best first."""
     if guess is None:
         return by_run(scene, flow, options, duration)
@@ -100,7 +99,7 @@ def guesses_of(
     raise InputError(f"guess = {short(guess)}: {text}")
 
 
-def from_state(flow: Flow, state: State, about: float | None = None) -> list[Guess]:
+def from_state(flow: Flow, state: Any, about: float | None = None) -> list[Guess]:
     """From a state of the scene, in its own units, and near a period, s."""
     load = flow.scene.load
     own = State(state.displacement / load, state.velocity / load, state.contact)
@@ -116,7 +115,9 @@ def by_run(scene: Scene, flow: Flow, options: Options, duration: float) -> Itera
     run = simulate(scene, duration, options=given)
     regime, frequency = run.summary["regime"], float(run.summary["dominant_frequency"])
     if regime not in ("periodic", "irregular", "intermittent") or not np.isfinite(frequency):
-        raise UnsolvedError(f"limit_cycle: after {duration:g} s the motion is {regime!r}; give a guess or a duration")
+        raise UnsolvedError(
+            f"limit_cycle: after {duration:g} s the motion is {regime!r}; give a guess or a duration"
+        )
     if regime != "irregular":
         yield from from_state(flow, run.final_state)
     for start, lag in windows(run, frequency):
@@ -139,16 +140,16 @@ def windows(run: Any, frequency: float) -> list[tuple[float, float]]:
         total = np.cumsum(row)
         return np.asarray((total[length:] - total[:-length]) / length)
 
-    spread = sum(mean(row**2) - mean(row) ** 2 for row in rows) + QUIET
+    spread = np.sum([mean(row**2) - mean(row) ** 2 for row in rows], axis=0) + QUIET
     for lag in range(int(0.7 * span), int(1.4 * span) + 2):
         missed = mean(((rows[:, lag:] - rows[:, :-lag]) ** 2).sum(axis=0))
         missed /= spread[: len(missed)]
         for first in range(0, len(missed), 2 * length):
             k = first + int(np.argmin(missed[first : first + 2 * length]))
             found.append((float(missed[k]), float(time[k]), lag * float(time[1] - time[0])))
-    best: dict[float, tuple[float, float]] = {}
-    for _, start, lag in sorted(found):
-        best.setdefault(round(start * frequency / WINDOW), (start, lag))
+    best: dict[int, tuple[float, float]] = {}
+    for _, start, period in sorted(found):
+        best.setdefault(round(start * frequency / WINDOW), (start, period))
     return list(best.values())[:WINDOWS]
 
 
@@ -169,7 +170,7 @@ def of_mode(flow: Flow, amplitude: float) -> list[Guess]:
 
 
 def on_edge(scene: Scene, ends: tuple[State, State], options: Options, duration: float) -> tuple[State, float]:
-    """A state and the period on the edge between the motions to which two states lead, long before they part there."""
+    """A state on the edge between the motions to which two states lead, before they part, and its period."""
     place, change = (np.stack([each.displacement, each.velocity]) for each in ends)
     change, options = change - place, replace(options, settle=0.7 * duration)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from fivcore.beams.modes import one_blas_thread
 from fivcore.cycles import guesses, shooting
-from fivcore.cycles.flow import GAP, SLIP_RATE, N, T, Flow, Segment
+from fivcore.cycles.flow import SLIP_RATE, Flow, N, Segment, T
 from fivcore.cycles.shooting import Linear
 from fivcore.errors import InputError, SceneError, UnsolvedError
 from fivcore.jit import Array, Complex
@@ -146,7 +145,7 @@ class LimitCycle:
 def limit_cycle(scene: Scene, guess: Any = None, *, options: Options | None = None, **keywords: Any) -> LimitCycle:
     """Find a limit cycle of a scene, stable or not, of the reduced model of `simulate`.
 
-    It has no time step: it is that to which the motions of "exact", and of "fast" as its step goes to zero, belong.
+    It has no time step: motions by "exact", and by "fast" as its step goes to zero, are on it.
 
     Parameters
     ----------
@@ -157,8 +156,8 @@ def limit_cycle(scene: Scene, guess: Any = None, *, options: Options | None = No
         velocity of B in the mode of steady sliding that grows most. Default: the window of a run that repeats
         itself best.
     options, **keywords
-        As for `simulate`, without those of a record, and `duration`, s, of a run that a guess needs (default: 0.5 s
-        in units of the structure's time).
+        As for `simulate`; and `duration`, s, of a run that a guess needs (default: 0.5 s, of a structure times
+        `time_scale`).
 
     Returns
     -------
@@ -192,9 +191,10 @@ def flow_of(scene: Scene, options: Options, like: Flow | None = None) -> Flow:
 @one_blas_thread()
 def closed(scene: Scene, flow: Flow, tries: Iterable[guesses.Guess]) -> LimitCycle:
     """The first cycle that guesses lead to, with statuses that last as long as their margins allow."""
-    first, count = None, 0
-    for count, (segments, plane) in enumerate(tries, 1):
-        first = first or segments
+    first: list[Segment] = []
+    count = -1
+    for segments, plane in tries:
+        first, count = first or segments, count + 1
         for attempt in range(REPAIRS):
             if solved := shooting.solve(flow, segments, plane):
                 cycle = made(scene, flow, *solved, plane)
@@ -208,8 +208,8 @@ def closed(scene: Scene, flow: Flow, tries: Iterable[guesses.Guess]) -> LimitCyc
                 segments, plane = guesses.recurrent(flow, longest.status, longest.start, about=period)[0]
             except UnsolvedError:
                 break
-    text = f"limit_cycle: Newton's method did not converge from {described(first or [])}"
-    raise UnsolvedError(f"{text}, nor from {count - 1} other guesses; give another")
+    text = f"limit_cycle: Newton's method did not converge from {described(first)}"
+    raise UnsolvedError(f"{text}, nor from {count} other guesses; give another")
 
 
 def made(scene: Scene, flow: Flow, segments: list[Segment], linear: Linear, plane: Array) -> LimitCycle:

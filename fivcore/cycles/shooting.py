@@ -4,17 +4,18 @@ Unknowns are the states z_i at which the statuses of a cycle begin and their dur
 and the next begins where it ends. An event condition gives dT_i, so that the linearised equations are
 dz_(i+1) = M_i dz_i + d_i, and around the cycle (1 - M) dz_0 = d with M = M_k ... M_1. M is the derivative of the
 return map at the first event: its eigenvalues are the Floquet multipliers, but for the trivial one, 1, in whose
-place is 0 (R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, 2004, chapter 7).
+place is 0 (R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, 2004, ch. 7).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from fivcore.beams.modes import one_blas_thread
-from fivcore.cycles.flow import PLANE, Flow, Segment
+from fivcore.cycles.flow import Flow, Segment
 from fivcore.jit import Array
 
 # Largest residual in units of the motion, and most iterations.
@@ -50,14 +51,6 @@ def plane_at(flow: Flow, segment: Segment) -> Array:
     return row
 
 
-def ends_at(flow: Flow, segment: Segment, z: Array, plane: Array) -> tuple[float, Array]:
-    """The margin that ends a segment and its derivative, at the state z."""
-    if segment.event == PLANE:
-        return float(plane @ z), plane
-    values, rows = flow.margins(segment.status, z)
-    return float(values[segment.event]), rows[segment.event]
-
-
 @one_blas_thread()
 def linearised(
     flow: Flow, segments: list[Segment], plane: Array, beside: Flow | None = None, change: float = 1.0
@@ -68,17 +61,19 @@ def linearised(
     maps, offsets, times, delays = [np.eye(size)], [np.zeros((size, 1 + (beside is not None)))], [], []
     for each, after in zip(segments, segments[1:] + segments[:1], strict=True):
         end, tangent = flow.over(each.status, each.start, each.time)
-        value, row = ends_at(flow, each, end, plane)
+        value, row = flow.margin(each.status, each.event, end, plane)
         field = flow.field(each.status, end)[0]
         slope, E = float(row @ field), flow.entry(each.status, after.status)
         missed = E @ end - after.start
-        worst = max(worst, float(np.linalg.norm(missed)) / scale, abs(value / slope) / sum(s.time for s in segments))
+        worst = max(
+            worst, float(np.linalg.norm(missed)) / scale, abs(value / slope) / sum(s.time for s in segments)
+        )
         gaps, values = missed[:, None], np.array([value])
         if beside is not None:
             other = beside.over(each.status, each.start, each.time)[0]
             rate = (beside.entry(each.status, after.status) @ other - E @ end) / change
             gaps = np.column_stack([missed, rate])
-            values = np.append(value, (ends_at(beside, each, other, plane)[0] - value) / change)
+            values = np.append(value, (beside.margin(each.status, each.event, other, plane)[0] - value) / change)
         delay = -values / slope
         jump, offset = E @ (tangent - np.outer(field, row @ tangent) / slope), gaps + np.outer(E @ field, delay)
         times.append(-(row @ tangent) / slope @ maps[-1])
@@ -87,7 +82,9 @@ def linearised(
     return Linear(maps, offsets, times, delays, scale, worst)
 
 
-def moved(segments: list[Segment], linear: Linear, step: Array, more: float = 0.0, least: float = 0.5) -> list[Segment]:
+def moved(
+    segments: list[Segment], linear: Linear, step: Array, more: float = 0.0, least: float = 0.5
+) -> list[Segment]:
     """Segments after a step dz_0 (m,) and a change of the parameter; no duration loses more than `least` of it."""
     delta, column = np.append(step, 0.0), np.array([1.0, more][: linear.offsets[0].shape[1]])
     changes = [float(row @ delta + delay @ column) for row, delay in zip(linear.times, linear.delays, strict=True)]
@@ -111,6 +108,8 @@ def solve(flow: Flow, segments: list[Segment], plane: Array) -> tuple[list[Segme
             best = segments, linear
         if not np.isfinite(linear.residual) or linear.residual > 1e6:
             return None
-        step = np.linalg.lstsq(np.eye(len(linear.monodromy)) - linear.monodromy, linear.offsets[-1][:-1, 0], 1e-14)[0]
+        step: Any = np.linalg.lstsq(
+            np.eye(len(linear.monodromy)) - linear.monodromy, linear.offsets[-1][:-1, 0], 1e-14
+        )[0]
         segments = moved(segments, linear, step)
     return best
