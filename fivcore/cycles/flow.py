@@ -211,29 +211,31 @@ class Flow:
 
     # Events.
 
-    def entry(self, was: int, status: int) -> Array:
+    def entry(self, was: int, status: int, z: Array) -> Array:
         """Map of z at the end of a status to the start of the next, (m + 1, m + 1): gaps and rates close."""
-        gaps, n, E = self._gap, len(self.model.stiffness), np.eye(len(self._base))
-        if status == SEPARATION:
+        model, W, n, E = self.model, self.model.W, len(self.model.stiffness), np.eye(len(self._base))
+        if status == SEPARATION and not (self.rigid and was == SEPARATION):
             return E
         if not self.rigid:
-            E[2 * n] -= self._units[2 * n] * gaps
+            E[2 * n] -= self._units[2 * n] * self._gap
             return E
-        model, W = self.model, self.model.W
-        E[:n] -= np.outer(self._units[:n] * model.normal / W[0, 0], gaps)
-        if status == STICK:
+        E[:n] -= np.outer(self._units[:n] * model.normal / W[0, 0], self._gap)
+        normal, tangential = self._impulse(z) if was == SEPARATION else (0.0, 0.0)
+        if abs(tangential) <= self._slipping * normal if was == SEPARATION else status == STICK:
             E[n : 2 * n] -= model.shapes.T @ resistance(W) @ self._rates
             return E
-        m = 0.0
-        if was == SEPARATION:
-            if self.falls(status):
-                raise SceneValueError(
-                    "friction: it falls with the speed and the rigid contact opens; limit cycles need a constant"
-                    " coefficient in impacts, or a structure with a compliant contact"
-                )
-            m = self._slipping if status == SLIP_UP else -self._slipping
+        m = float(np.copysign(self._slipping, tangential)) if was == SEPARATION else 0.0
+        if m and not self.scene.friction.constant:
+            raise SceneValueError(
+                "friction: it falls with the speed and the rigid contact opens; limit cycles need a constant"
+                " coefficient in impacts, or a structure with a compliant contact"
+            )
         E[n : 2 * n] -= np.outer((model.normal + m * model.tangential) / (W[0, 0] + m * W[0, 1]), self._rates[0])
         return E
+
+    def _impulse(self, z: Array) -> Array:
+        """Normal and tangential impulse by which rigid surfaces stick after an impact."""
+        return np.asarray(-resistance(self.model.W) @ (self._rates @ z))
 
     def following(self, status: int, event: int, z: Array) -> int:
         """Status after an event in the state z."""
@@ -241,15 +243,18 @@ class Flow:
             return SEPARATION
         if status == STICK:
             return SLIP_UP if event == 1 else SLIP_DOWN
-        if status == SEPARATION and self.rigid:
-            normal, tangential = -resistance(self.model.W) @ (self._rates @ z)
-            if abs(tangential) > self._slipping * normal:
-                return SLIP_UP if tangential > 0.0 else SLIP_DOWN
-        elif status >= SLIP_UP and not self.rigid:
+        if status >= SLIP_UP and not self.rigid:
             return STICK
+        slip_rate = 0.0
+        if status == SEPARATION and self.rigid:
+            normal, tangential = self._impulse(z)
+            z = self.entry(status, SLIP_UP, z) @ z
+            slip_rate = float(self._rates[1] @ z) * (abs(tangential) > self._slipping * normal)
         normal, tangential = self._stick @ z
-        sticks = normal > 0.0 and abs(tangential) <= self._slipping * normal
-        return STICK if sticks else SLIP_UP if tangential > 0.0 else SLIP_DOWN
+        if slip_rate == 0.0 and normal > 0.0 and abs(tangential) <= self._slipping * normal:
+            return STICK
+        after = SLIP_UP if (slip_rate < 0.0 if slip_rate else tangential > 0.0) else SLIP_DOWN
+        return after if self.law(after, z)[0][N] > 0.0 else SEPARATION
 
     def to_event(self, status: int, z: Array, most: float, plane: Array | None = None) -> tuple[int, float, Array]:
         """The first event from z, its time, s, and the state there; or where z crosses a plane (m + 1,) upwards.

@@ -18,7 +18,7 @@ from fivcore.transient.exact_kernels import SLIP_DOWN, SLIP_UP
 from fivcore.transient.normalised import State
 from fivcore.transient.options import Options
 from fivcore.transient.simulate import simulate
-from fivcore.transient.statistics import STICK
+from fivcore.transient.statistics import SEPARATION, STICK
 
 # Events that a trace follows, and most of them in a period.
 EVENTS, MOST = 300, 80
@@ -41,6 +41,13 @@ def status_of(flow: Flow, contact: int, z: Array) -> int:
     return contact if contact <= STICK else slips[0] if slips else STICK
 
 
+def closed_gap(flow: Flow, status: int, z: Array) -> Array:
+    """A state whose gaps and rates are those of its status."""
+    return (
+        z if status == SEPARATION else np.asarray(flow.entry(STICK if status == STICK else SLIP_UP, status, z) @ z)
+    )
+
+
 def traced(
     flow: Flow, z: Array, status: int, span: float, plane: Array | None = None, about: float | None = None
 ) -> list[Segment]:
@@ -54,7 +61,7 @@ def traced(
         segments.append(Segment(status, event, time, z))
         t += time
         after = status if event == PLANE else flow.following(status, event, end)
-        z, status = (end if event == PLANE else flow.entry(status, after) @ end), after
+        z, status = (end if event == PLANE else flow.entry(status, after, end) @ end), after
         same = [each.start for each in segments[1:] if each.status == status] if about is None else []
         closest = min([float(np.linalg.norm(z - each) / flow.size(z)) for each in same], default=np.inf)
     return [*segments, Segment(status, PLANE, 0.0, z)]
@@ -106,7 +113,7 @@ def from_state(flow: Flow, state: Any, about: float | None = None) -> list[Guess
     z = flow.of_state(own)
     status = status_of(flow, own.contact, z)
     span = 1e5 * flow.grid if about is None else 30.0 * about
-    return recurrent(flow, status, flow.entry(status, status) @ z, span=span, about=about)
+    return recurrent(flow, status, closed_gap(flow, status, z), span=span, about=about)
 
 
 def by_run(scene: Scene, flow: Flow, options: Options, duration: float) -> Iterator[Guess]:
@@ -166,7 +173,7 @@ def of_mode(flow: Flow, amplitude: float) -> list[Guess]:
     vibrates = np.flatnonzero(values.imag > 0.0)
     mode = vectors[:, vibrates[np.argmax(values[vibrates].real)]]
     z[:-1] += (amplitude / flow.scene.load * mode / abs(flow.velocity_B[:-1] @ mode)).real
-    return recurrent(flow, status, flow.entry(status, status) @ z, span=1e5 * flow.grid)
+    return recurrent(flow, status, closed_gap(flow, status, z), span=1e5 * flow.grid)
 
 
 def on_edge(scene: Scene, ends: tuple[State, State], options: Options, duration: float) -> tuple[State, float]:

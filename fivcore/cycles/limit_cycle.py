@@ -21,7 +21,7 @@ from fivcore.transient.driver import located
 from fivcore.transient.normalised import State
 from fivcore.transient.options import Options, options_of
 from fivcore.transient.simulate import request
-from fivcore.transient.statistics import SEPARATION, SLIP
+from fivcore.transient.statistics import SLIP
 
 STATUSES = ("separation", "stick", "slip")
 # A margin below this share of its largest value, with the other sign, is rounding; most changes of the statuses.
@@ -119,20 +119,19 @@ class LimitCycle:
     @cached_property
     def summary(self) -> dict[str, float]:
         """Figures named as in a `Transient`'s summary, and the amplitude, half the range, of the velocity of B."""
-        time, v, normal, _, slip, state = self._series
+        time, v, normal, _, slip, _ = self._series
         mean = np.trapezoid(v, time) / self.period
         shares = {
             f"{name}_fraction": sum(s.time for s in self.segments if min(s.status, SLIP) == k) / self.period
             for k, name in enumerate(STATUSES)
         }
-        touching = state != SEPARATION
         return shares | {
             "frequency": self.frequency,
             "velocity_rms": float(np.sqrt(np.trapezoid((v - mean) ** 2, time) / self.period)),
             "velocity_amplitude": 0.5 * float(np.ptp(v)),
             "mean_normal_force": float(np.trapezoid(normal, time) / self.period),
             "max_normal_force": float(normal.max()),
-            "max_slip_speed": float(np.abs(slip[touching]).max()),
+            "max_slip_speed": float(np.abs(slip).max()),
             "largest_multiplier": float(np.abs(self.multipliers[0])),
         }
 
@@ -142,6 +141,7 @@ class LimitCycle:
         return self.flow.state(self.segments[0].status, self.segments[0].start)
 
 
+@one_blas_thread()
 def limit_cycle(scene: Scene, guess: Any = None, *, options: Options | None = None, **keywords: Any) -> LimitCycle:
     """Find a limit cycle of a scene, stable or not, of the reduced model of `simulate`.
 
@@ -188,7 +188,6 @@ def flow_of(scene: Scene, options: Options, like: Flow | None = None) -> Flow:
     return Flow(*request(scene, 1.0, replace(options, initial=None))[1:], like)
 
 
-@one_blas_thread()
 def closed(scene: Scene, flow: Flow, tries: Iterable[guesses.Guess]) -> LimitCycle:
     """The first cycle that guesses lead to, with statuses that last as long as their margins allow."""
     first: list[Segment] = []

@@ -63,7 +63,7 @@ def linearised(
         end, tangent = flow.over(each.status, each.start, each.time)
         value, row = flow.margin(each.status, each.event, end, plane)
         field = flow.field(each.status, end)[0]
-        slope, E = float(row @ field), flow.entry(each.status, after.status)
+        slope, E = float(row @ field), flow.entry(each.status, after.status, end)
         missed = E @ end - after.start
         worst = max(
             worst, float(np.linalg.norm(missed)) / scale, abs(value / slope) / sum(s.time for s in segments)
@@ -71,7 +71,7 @@ def linearised(
         gaps, values = missed[:, None], np.array([value])
         if beside is not None:
             other = beside.over(each.status, each.start, each.time)[0]
-            rate = (beside.entry(each.status, after.status) @ other - E @ end) / change
+            rate = (beside.entry(each.status, after.status, other) @ other - E @ end) / change
             gaps = np.column_stack([missed, rate])
             values = np.append(value, (beside.margin(each.status, each.event, other, plane)[0] - value) / change)
         delay = -values / slope
