@@ -166,12 +166,16 @@ class Flow:
 
     # Motion within a status.
 
-    def over(self, status: int, z: Array, time: float) -> tuple[Array, Array]:
-        """State after a time, s, which may be negative, and its derivative by z, (m + 1, m + 1)."""
+    def over(self, status: int, z: Array, time: float, tangent: bool = True) -> tuple[Array, Array]:
+        """State after a time, s, which may be negative, and its derivative by z, (m + 1, m + 1), if wanted."""
         if not self.falls(status):
-            tangent = expm(time * self.field(status, z)[1])
-            return tangent @ z, tangent
+            power = expm(time * self.field(status, z)[1])
+            return power @ z, power
         size = len(z)
+        if not tangent:
+            options = {"rtol": 1e-11, "atol": 1e-12 * self.size(z)}
+            found = solve_ivp(lambda t, y: self.field(status, y)[0], (0.0, time), z, "DOP853", **options)
+            return found.y[:, -1], np.eye(size)
 
         def rates(t: float, y: Array) -> Array:
             rate, derivative = self.field(status, y[:size])
@@ -280,7 +284,7 @@ class Flow:
                 time = self.grid * (float(shares[event]) or 1.0)
                 event = event if event < last else PLANE
                 for _ in range(4):
-                    end, _ = self.over(status, states[:, k], time)
+                    end, _ = self.over(status, states[:, k], time, tangent=False)
                     margin, row = self.margin(status, event, end, plane)
                     change = margin / float(row @ self.field(status, end)[0])
                     if not 1e-9 * self.grid < abs(change) < 0.5 * self.grid:

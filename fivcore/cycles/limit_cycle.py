@@ -197,9 +197,11 @@ def closed(scene: Scene, flow: Flow, tries: Iterable[guesses.Guess]) -> LimitCyc
         for attempt in range(REPAIRS):
             if solved := shooting.solve(flow, segments, plane):
                 cycle = made(scene, flow, *solved, plane)
+                segments = shooting.primitive(cycle.segments)
+                if len(segments) < len(cycle.segments):
+                    continue
                 if violation(cycle) is None:
                     return cycle
-                segments = cycle.segments
             elif attempt:
                 break
             longest, period = max(segments, key=lambda each: each.time), sum(each.time for each in segments)

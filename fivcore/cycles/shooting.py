@@ -20,6 +20,8 @@ from fivcore.jit import Array
 
 # Largest residual in units of the motion, and most iterations.
 CLOSED, ITERATIONS = 1e-10, 25
+# Largest difference between durations that are the same, in units of the period.
+SAME = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +72,7 @@ def linearised(
         )
         gaps, values = missed[:, None], np.array([value])
         if beside is not None:
-            other = beside.over(each.status, each.start, each.time)[0]
+            other = beside.over(each.status, each.start, each.time, tangent=False)[0]
             rate = (beside.entry(each.status, after.status, other) @ other - E @ end) / change
             gaps = np.column_stack([missed, rate])
             values = np.append(value, (beside.margin(each.status, each.event, other, plane)[0] - value) / change)
@@ -113,3 +115,13 @@ def solve(flow: Flow, segments: list[Segment], plane: Array) -> tuple[list[Segme
         )[0]
         segments = moved(segments, linear, step)
     return best
+
+
+def primitive(segments: list[Segment]) -> list[Segment]:
+    """The shortest part of a cycle that it repeats."""
+    times, orders = np.array([each.time for each in segments]), [each[:2] for each in segments]
+    for n in range(1, len(segments)):
+        apart = np.abs(times - np.roll(times, n)).max()
+        if len(segments) % n == 0 and orders[n:] + orders[:n] == orders and apart < SAME * times.sum():
+            return segments[:n]
+    return segments
