@@ -1,7 +1,7 @@
 """Limit cycles: closed forms, an oscillator's branch, the paper's rig, growth in runs, random structures."""
 
 from dataclasses import replace
-from itertools import islice
+from itertools import islice, pairwise
 
 import numpy as np
 import pytest
@@ -109,7 +109,7 @@ def test_a_run_of_the_rig_stays_on_its_cycle(sticking):
                        skip_sticks=False, end_early=False)  # fmt: skip
         errors.append(np.linalg.norm(run.final_state.velocity - start.velocity) / size)
     assert errors[0] < 2e-3
-    assert all(b < 0.6 * a for a, b in zip(errors, errors[1:], strict=False))
+    assert all(b < 0.6 * a for a, b in pairwise(errors))
     # The deviation along the motion neither grows nor decays; all others do the latter.
     found = lyapunov_exponent(
         sticking.scene, 0.3, initial=State(start.displacement, start.velocity, start.contact, True)
@@ -117,19 +117,23 @@ def test_a_run_of_the_rig_stays_on_its_cycle(sticking):
     assert abs(found.value) < 40.0
 
 
-def test_the_branch_of_the_rig_folds_and_ends_at_the_onset_of_flutter(sticking):
-    """The unstable cycle between vibration and sliding; at the onset it slips all the time."""
-    branch = follow_cycle(sticking, "mu", 0.05, most=60)
-    (fold, *_, last) = branch.places
-    assert fold.text == "fold"
-    assert fold.value == pytest.approx(0.10356, abs=2e-5)
-    onsets = flutter_onsets(DAMPED, 5.0)
+def test_the_branch_of_the_rig_folds(sticking):
+    branch = follow_cycle(sticking, "mu", 0.05, most=18)
+    (fold,) = branch.places
+    assert (fold.text, fold.value) == ("fold", pytest.approx(0.10356, abs=2e-5))
+    # On either side one cycle is stable and one is not.
+    assert branch.cycles[0].stable
+    assert not branch.cycles[-1].stable
+    assert all(each.residual < 1e-10 for each in branch.cycles)
+
+
+@pytest.mark.slow
+def test_the_unstable_branch_of_the_rig_ends_at_the_onset_of_flutter(sticking):
+    """Between vibration and sliding; at the onset it slips all the time."""
+    branch, onsets = follow_cycle(sticking, "mu", 0.05, most=60), flutter_onsets(DAMPED, 5.0)
+    last = branch.places[-1]
     assert (last.text, last.value) == ("stick vanishes", pytest.approx(onsets.mu[0], rel=1e-5))
     assert branch.cycles[-1].frequency == pytest.approx(onsets.frequency[0], rel=1e-4)
-    # On either side of the fold one cycle is stable and one is not.
-    assert branch.cycles[0].stable
-    assert not branch.cycles[len(branch.cycles) // 2].stable
-    assert np.all([each.residual < 1e-10 for each in branch.cycles])
 
 
 @pytest.mark.slow
@@ -222,7 +226,7 @@ def agrees(scene, run):
 
 
 def test_random_structures():
-    for scene, run in islice(periodic(371), 2):
+    for scene, run in islice(periodic(630), 1):
         agrees(scene, run)
 
 
