@@ -17,7 +17,7 @@ from fivcore.rig import Scene
 from fivcore.transient.exact_kernels import SLIP_DOWN, SLIP_UP
 from fivcore.transient.normalised import State
 from fivcore.transient.options import Options
-from fivcore.transient.simulate import simulate
+from fivcore.transient.simulate import simulate_many
 from fivcore.transient.statistics import SEPARATION, STICK
 
 # Events that a trace follows, and most of them in a period.
@@ -116,10 +116,18 @@ def from_state(flow: Flow, state: Any, about: float | None = None) -> list[Guess
     return recurrent(flow, status, closed_gap(flow, status, z), span=span, about=about)
 
 
+def motion(scene: Scene, duration: float, options: Options) -> Any:
+    """A run, without a warning of how far the contact moves meanwhile."""
+    (found,) = simulate_many([scene], duration, options=options)
+    if isinstance(found, Exception):
+        raise found
+    return found
+
+
 def by_run(scene: Scene, flow: Flow, options: Options, duration: float) -> Iterator[Guess]:
     """From the end of a run, if that is regular, and from the windows of it that repeat themselves best."""
     given = replace(options, record=SIGNALS, skip_sticks=False)
-    run = simulate(scene, duration, options=given)
+    run = motion(scene, duration, options=given)
     regime, frequency = run.summary["regime"], float(run.summary["dominant_frequency"])
     if regime not in ("periodic", "irregular", "intermittent") or not np.isfinite(frequency):
         raise UnsolvedError(
@@ -128,7 +136,7 @@ def by_run(scene: Scene, flow: Flow, options: Options, duration: float) -> Itera
     if regime != "irregular":
         yield from from_state(flow, run.final_state)
     for start, lag in windows(run, frequency):
-        state = simulate(scene, start, options=replace(given, record=False)).final_state
+        state = motion(scene, start, options=replace(given, record=False)).final_state
         try:
             yield from from_state(flow, state, lag)[:PAIRS]
         except UnsolvedError:
@@ -183,7 +191,7 @@ def on_edge(scene: Scene, ends: tuple[State, State], options: Options, duration:
 
     def run(share: float, time: float = duration, **series: Any) -> Any:
         start = State.of(scene, *(place + share * change))
-        return simulate(scene, time, options=replace(options, initial=start, **series))
+        return motion(scene, time, options=replace(options, initial=start, **series))
 
     (first, last), low, high = (run(share).summary["velocity_rms"] for share in (0.0, 1.0)), 0.0, 1.0
     if not max(first, last) > 2.0 * min(first, last):

@@ -19,10 +19,11 @@ from fivcore import (
     checks,
     flutter_onsets,
     glued_frequencies,
+    limit_cycle,
     lyapunov_exponent,
     painleve_mu,
 )
-from fivcore.errors import SceneError
+from fivcore.errors import SceneError, UnsolvedError
 from studies import labels, paper, spec, summary, uncertainty
 from studies.gallery import knock
 from studies.motion import ensemble, regimes, run
@@ -62,6 +63,11 @@ MOTION = {
 }
 CHAOS = {"lyapunov_exponent": ("s-1", "largest Lyapunov exponent of the motion")}
 CHAOS |= {f"{name}_se": ("s-1", f"standard error of the {text}") for name, (_, text) in CHAOS.items()}
+CYCLE = {
+    "limit_cycle_frequency": ("Hz", "frequency of the limit cycle near the motion"),
+    "limit_cycle_rms": Variable("m s-1", "RMS of the velocity of B on the limit cycle", (), scale="load"),
+    "limit_cycle_stable": ("1", "1 where the limit cycle is stable, 0 where it is not"),
+}
 PROBABILITY = {"probability_unstable": ("1", "probability of instability")}
 PROBABILITY |= {f"{name}_se": ("1", f"standard error of the {text}") for name, (_, text) in PROBABILITY.items()}
 
@@ -111,6 +117,23 @@ def chaos(scenes: Sequence[Scene], duration: float, **how: Any) -> dict[str, Any
             found.append((np.nan, np.nan))
             errors.append(error)
     return dict(zip(CHAOS, np.transpose(found), strict=True)) | {"error": errors}
+
+
+def cycles(scenes: Sequence[Scene], duration: float, **how: Any) -> dict[str, Any]:
+    """The limit cycle near which the motion of each scene is, NaN where none is found."""
+    found, errors = list[tuple[float, ...]](), list[SceneError | None]()
+    for scene in scenes:
+        values, error = (np.nan, np.nan, np.nan), None
+        try:
+            cycle = limit_cycle(scene, duration=duration, **how)
+            values = (cycle.frequency, cycle.summary["velocity_rms"], float(cycle.stable))
+        except UnsolvedError:
+            pass
+        except SceneError as problem:
+            error = problem
+        found.append(values)
+        errors.append(error)
+    return dict(zip(CYCLE, np.transpose(found), strict=True)) | {"error": errors}
 
 
 def probability(rig: Rig, theta: Any, mu: Any, samples: int, seed: int, distributions: Any) -> dict[str, Any]:
@@ -323,6 +346,7 @@ GROUPS: tuple[tuple[str, str, Any, Any, Any, dict[str, Any]], ...] = (
     ("glued", "Natural frequencies of the beams glued at the contact", {}, GLUED, glued, BEAMS),
     ("motion", "Motion", RUNS, MOTION, motion, SEVERAL | {"check": ensemble.check, "coords": ensemble.APART}),
     ("chaos", "Chaos: how fast neighbouring motions part", TIME, CHAOS, chaos, STEADY | {"chaotic": True}),
+    ("cycles", "Limit cycle near the motion", TIME, CYCLE, cycles, STEADY | {"chaotic": True}),
     (
         "knock",
         "Smallest knock that starts vibration where steady sliding is stable",
