@@ -23,7 +23,6 @@ from fivcore.errors import InputError, SceneError, UnsolvedError
 from fivcore.friction import FRICTION_PARAMETERS
 from fivcore.jit import Array
 from fivcore.rig import BEAM_PARAMETERS, PAPER, RIG_PARAMETERS, Rig, Scene
-from fivcore.transient.options import Options, options_of
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 
 # First, least and largest step and iterations of the corrector; relative change of a parameter for a derivative.
@@ -33,7 +32,7 @@ NEAR = 0.2
 
 
 class Place(NamedTuple):
-    """Where a branch folds, grazes, is born or changes its stability: the parameter, and what happens."""
+    """Where a branch folds, grazes or is born: the parameter, and what happens."""
 
     value: float
     text: str
@@ -63,13 +62,13 @@ class _Point(NamedTuple):
 class _Follower:
     """Predictor and corrector for one parameter."""
 
-    def __init__(self, name: str, span: float, options: Options) -> None:
-        self.name, self.span, self.options = name, span, options
+    def __init__(self, name: str, span: float) -> None:
+        self.name, self.span = name, span
 
     def flow(self, scene: Scene, value: float, like: Flow) -> tuple[Scene, Flow]:
         """The scene and its flow at a value of the parameter."""
         there = with_value(scene, self.name, value)
-        return there, flow_of(there, self.options, like)
+        return there, flow_of(there, like.options, like)
 
     def linear(self, scene: Scene, flow: Flow, value: float, segments: list[Segment], plane: Array) -> Any:
         """Linearised equations with the derivative by the parameter, in units of its range."""
@@ -79,14 +78,14 @@ class _Follower:
 
     def point(self, cycle: LimitCycle, value: float, old: Array) -> _Point:
         """A point with its tangent, which has the sense of an old one."""
-        return self.made(
-            cycle, value, self.linear(cycle.scene, cycle.flow, value, cycle.segments, cycle.plane), old
-        )
+        linear = self.linear(cycle.scene, cycle.flow, value, cycle.segments, cycle.plane)
+        return self.made(cycle, value, linear, old)
 
     def made(self, cycle: LimitCycle, value: float, linear: shooting.Linear, old: Array) -> _Point:
         """A point of linearised equations."""
-        start, change = bordered(linear, old, 1.0)
-        found = np.append(spread(linear, start, change)[0], change)
+        start, change = bordered(linear, old, 1.0, closing=False)
+        z, pairs = np.append(start, 0.0), zip(linear.maps[:-1], linear.offsets, strict=False)
+        found = np.append(np.concatenate([M @ z + d[:, 1] * change for M, d in pairs]) / linear.size, change)
         return _Point(cycle, value, linear, found / np.linalg.norm(found), start / np.linalg.norm(found))
 
     def step(self, point: _Point, length: float) -> tuple[_Point, int] | None:
@@ -109,7 +108,7 @@ class _Follower:
             if linear.residual < shooting.CLOSED:
                 there = made(scene, flow, segments, linear, shooting.plane_at(flow, segments[0]))
                 return (self.made(there, value, linear, point.tangent), iteration) if near else None
-            start, change = bordered(linear, point.tangent, length - float(point.tangent @ gone), linear.offsets)
+            start, change = bordered(linear, point.tangent, length - float(point.tangent @ gone))
             segments = shooting.moved(segments, linear, start, change, np.inf)
             value += self.span * change
         return None
@@ -144,30 +143,19 @@ def stacked(segments: list[Segment]) -> Array:
     return np.concatenate([each.start for each in segments])
 
 
-def spread(linear: shooting.Linear, start: Array, change: float) -> tuple[Array, Array]:
-    """Changes of all starts in a row, in units of the motion: for dz_0 and dp, and of what does not close."""
-    z = np.append(start, 0.0)
-    parts = [
-        (M @ z + d[:, 1] * change, d[:, 0]) for M, d in zip(linear.maps[:-1], linear.offsets[:-1], strict=True)
-    ]
-    moved, missed = (np.concatenate(each) / linear.size for each in zip(*parts, strict=True))
-    return moved, missed
-
-
-def bordered(linear: shooting.Linear, tangent: Array, along: float, offsets: Any = None) -> tuple[Array, float]:
-    """dz_0 and dp of the linearised equations that go `along` a tangent, (k (m + 1) + 1,)."""
+def bordered(linear: shooting.Linear, tangent: Array, along: float, closing: bool = True) -> tuple[Array, float]:
+    """dz_0 and dp by which the linearised equations go `along` a tangent, and where `closing` close the cycle."""
     size, parts = len(linear.monodromy), tangent[:-1].reshape(len(linear.maps) - 1, -1) / linear.size
-    row = sum(part @ M for part, M in zip(parts, linear.maps[:-1], strict=True))[:-1]
-    by_p, by_d = (sum(part @ d[:, k] for part, d in zip(parts, linear.offsets[:-1], strict=True)) for k in (1, 0))
-    matrix = np.zeros((size + 1, size + 1))
-    matrix[:-1, :-1], matrix[:-1, -1] = np.eye(size) - linear.monodromy, -linear.offsets[-1][:-1, 1]
-    matrix[-1, :-1], matrix[-1, -1] = row, tangent[-1] + by_p
-    right = np.zeros(size + 1) if offsets is None else np.append(linear.offsets[-1][:-1, 0], -by_d)
+    row = sum(part @ M for part, M in zip(parts, linear.maps, strict=False))
+    missed, by_p = sum(part @ d for part, d in zip(parts, linear.offsets, strict=False))
+    matrix, right = np.zeros((size + 1, size + 1)), np.zeros(size + 1)
+    matrix[:-1, :-1], matrix[-1, :-1] = np.eye(size) - linear.monodromy, row[:-1]
+    matrix[:-1, -1], matrix[-1, -1] = -linear.offsets[-1][:-1, 1], tangent[-1] + by_p
+    if closing:
+        right[:-1], right[-1] = linear.offsets[-1][:-1, 0], -missed
     right[-1] += along
     scale = np.append(np.full(size, linear.size), 1.0)
-    found = scale * np.linalg.solve(
-        matrix * scale / np.append(np.full(size, linear.size), 1.0)[:, None], right / scale
-    )
+    found = scale * np.linalg.solve(matrix * scale, right)
     return found[:-1], float(found[-1])
 
 
@@ -196,16 +184,8 @@ def value_of(scene: Scene, name: str) -> float:
 
 
 @one_blas_thread()
-def follow_cycle(
-    cycle: LimitCycle,
-    parameter: str,
-    until: float,
-    *,
-    most: int = 200,
-    options: Options | None = None,
-    **keywords: Any,
-) -> CycleBranch:
-    """Follow a limit cycle over a parameter, through folds, until it has the value `until` or comes back.
+def follow_cycle(cycle: LimitCycle, parameter: str, until: float, *, most: int = 200) -> CycleBranch:
+    """Follow a limit cycle over a parameter, through folds, until it is past a value or back beyond its start.
 
     Parameters
     ----------
@@ -213,19 +193,22 @@ def follow_cycle(
     parameter : str
         V, theta, mu, F, kinetic_ratio, decay_speed, or a number of the rig as on the command line.
     until : float
-        Value at which the branch ends; it also ends as far on the other side of the start.
+        The branch ends once it is so far from its start, on either side.
     most : int
         Most points.
-    options, **keywords
-        As for `limit_cycle`.
 
     Returns
     -------
     CycleBranch
+
+    Raises
+    ------
+    ValueError
+        For a parameter that there is not, or a value that is that of the start.
     """
-    given, start = options_of(options, keywords), value_of(cycle.scene, parameter)
+    start = value_of(cycle.scene, parameter)
     span = abs(checks.number("until", until, "another value than the start's", lambda x: x != start) - start)
-    way = _Follower(parameter, span, given)
+    way = _Follower(parameter, span)
     points, places, length, end = [way.point(cycle, start, sense(cycle, until - start))], list[Place](), FIRST, ""
     while len(points) < most and not end:
         point = points[-1]
@@ -256,13 +239,8 @@ def follow_cycle(
         points.append(after)
         if abs(after.value - start) >= span:
             end = f"{parameter} = {after.value:.6g}"
-    return CycleBranch(
-        parameter,
-        np.array([each.value for each in points]),
-        [each.cycle for each in points],
-        places,
-        end or f"{most} points",
-    )
+    values, cycles = np.array([each.value for each in points]), [each.cycle for each in points]
+    return CycleBranch(parameter, values, cycles, places, end or f"{most} points")
 
 
 def passed(way: _Follower, before: _Point, beyond: _Point, length: float) -> tuple[Place, _Point | None]:
@@ -271,17 +249,11 @@ def passed(way: _Follower, before: _Point, beyond: _Point, length: float) -> tup
     each, old = beyond.cycle.segments[i], beyond.cycle.segments
     name = STATUSES[min(each.status, SLIP)]
     if each.time <= 0.0:
-        text, place = (
-            f"{name} vanishes",
-            way.located(before, length, lambda p: p.cycle.segments[i].time / p.cycle.period),
-        )
+        text = f"{name} vanishes"
+        place = way.located(before, length, lambda p: p.cycle.segments[i].time / p.cycle.period)
     else:
-        begins = (
-            {SEPARATION: "contact", STICK: "slip"}.get(each.status, "stick")
-            if k or not each.status
-            else "separation"
-        )
-        text = f"{begins} begins within {name}"
+        new = {SEPARATION: "contact", STICK: "slip"}.get(each.status, "stick")
+        text = f"{'separation' if each.status != SEPARATION and k == 0 else new} begins within {name}"
         place = way.located(before, length, lambda p: inner_margin(p.cycle.flow, p.cycle.segments[i], k))
     changed = reordered(way, before, beyond, place.value)
     if changed is not None and len(changed.cycle.segments) < len(old):
@@ -303,12 +275,8 @@ def born(points: list[_Point]) -> float:
 
 def least_inner(point: _Point) -> float:
     """Least inner margin of a cycle."""
-    parts = [
-        (each, k)
-        for each in point.cycle.segments
-        for k in range(3 if each.status == STICK else 2 if each.status else 1)
-    ]
-    return min(inner_margin(point.cycle.flow, *part) for part in parts)
+    flow, counts = point.cycle.flow, {SEPARATION: 1, STICK: 3}
+    return min(inner_margin(flow, s, k) for s in point.cycle.segments for k in range(counts.get(s.status, 2)))
 
 
 def inner_margin(flow: Flow, segment: Segment, k: int) -> float:

@@ -25,7 +25,7 @@ from fivcore.errors import SceneValueError, not_unique
 from fivcore.jit import Array
 from fivcore.transient.exact_kernels import SLIP_DOWN, SLIP_UP, coefficient, sliding
 from fivcore.transient.normalised import Normalised, State, residual_gaps, static_displacement
-from fivcore.transient.options import RunOptions
+from fivcore.transient.options import Options
 from fivcore.transient.statistics import SEPARATION, STICK
 
 # Rows of a model that change their sign with a mode's.
@@ -50,7 +50,8 @@ class Segment(NamedTuple):
 class Flow:
     """Motion of a scene in each contact status; `like` is a flow whose modes' signs its modes have."""
 
-    def __init__(self, scene: Normalised, options: RunOptions, like: Flow | None = None) -> None:
+    def __init__(self, scene: Normalised, options: Options, like: Flow | None = None) -> None:
+        self.options = options
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
         n, law = len(model.stiffness), scene.friction
         self.signs = np.ones(n)

@@ -151,10 +151,10 @@ def limit_cycle(scene: Scene, guess: Any = None, *, options: Options | None = No
     ----------
     scene : Scene
     guess : LimitCycle, State, (State, State) or float, optional
-        A cycle of a neighbouring scene; a state near the cycle; two states, of which one leads to vibration and
-        one to sliding: the cycle on the edge between them is sought by bisection; an amplitude, m/s, of the
-        velocity of B in the mode of steady sliding that grows most. Default: the window of a run that repeats
-        itself best.
+        A cycle of a neighbouring scene, with its options unless others are given; a state near the cycle; two
+        states, of which one leads to vibration and one to sliding: the cycle on the edge between them is sought by
+        bisection; an amplitude, m/s, of the velocity of B in the mode of steady sliding that grows most. Default:
+        the windows of a run that repeat themselves best.
     options, **keywords
         As for `simulate`; and `duration`, s, of a run that a guess needs (default: 0.5 s, of a structure times
         `time_scale`).
@@ -171,6 +171,8 @@ def limit_cycle(scene: Scene, guess: Any = None, *, options: Options | None = No
         Where nothing near the guess repeats itself, or Newton's method does not converge.
     """
     duration = keywords.pop("duration", 0.5 * scene.rig.time_unit)
+    if isinstance(guess, LimitCycle) and options is None and not keywords:
+        options = guess.flow.options
     given = options_of(options, keywords)
     if given.method != "fast":
         raise InputError(f"method = {given.method!r}: a limit cycle is that of the reduced model; leave it out")
@@ -185,7 +187,7 @@ def limit_cycle(scene: Scene, guess: Any = None, *, options: Options | None = No
 
 def flow_of(scene: Scene, options: Options, like: Flow | None = None) -> Flow:
     """The flow of a scene with options of `simulate`."""
-    return Flow(*request(scene, 1.0, replace(options, initial=None))[1:], like)
+    return Flow(request(scene, 1.0, replace(options, initial=None))[1], options, like)
 
 
 def closed(scene: Scene, flow: Flow, tries: Iterable[guesses.Guess]) -> LimitCycle:
