@@ -27,8 +27,8 @@ from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 
 # First, least and largest step and iterations of the corrector; relative change of a parameter for a derivative.
 FIRST, LEAST, LARGEST, ITERATIONS, CHANGE = 0.01, 1e-6, 0.1, 10, 1e-6
-# Change of the amplitude that a new order of statuses may make.
-NEAR = 0.2
+# Change of the amplitude that a new order of statuses may make; step before a graze from which on it is sought.
+NEAR, NEAREST = 0.2, 1e-4
 
 
 class Place(NamedTuple):
@@ -73,7 +73,12 @@ class _Follower:
     def linear(self, scene: Scene, flow: Flow, value: float, segments: list[Segment], plane: Array) -> Any:
         """Linearised equations with the derivative by the parameter, in units of its range."""
         change = CHANGE * max(abs(value), 1e-3 * self.span)
-        _, beside = self.flow(scene, value + change, flow)
+        try:
+            _, beside = self.flow(scene, value + change, flow)
+        except InputError:
+            # At the end of what is allowed.
+            change = -change
+            _, beside = self.flow(scene, value + change, flow)
         return shooting.linearised(flow, segments, plane, beside, change / self.span)
 
     def point(self, cycle: LimitCycle, value: float, old: Array) -> _Point:
@@ -226,6 +231,10 @@ def follow_cycle(cycle: LimitCycle, parameter: str, until: float, *, most: int =
             break
         if violation(after.cycle) is not None:
             place, changed = passed(way, point, after, gone)
+            if changed is None and gone > NEAREST:
+                # Closer to the graze the new order differs less from the old one.
+                length = 0.25 * gone
+                continue
             places.append(place)
             if changed is None:
                 end = f"{place.text} at {parameter} = {place.value:.9g}, and no cycle with another order is found"

@@ -189,6 +189,18 @@ def test_the_cycle_of_figures_8_and_9_has_four_states():
     assert found.summary["mean_normal_force"] == pytest.approx(scene.F, rel=5e-4)
 
 
+@pytest.mark.slow
+def test_it_loses_its_stability_with_half_the_damping():
+    """Half of it is what gives the paper's motion; on the way slips of a microsecond begin and vanish."""
+    found = limit_cycle(Scene(8e-3, 5.0, 0.2, 9.0, Rig(d2=3e-7)), duration=1.5)
+    branch = follow_cycle(found, "d2", 1.5e-7)
+    last = branch.cycles[-1]
+    assert branch.values[-1] < 1.5e-7
+    assert not last.stable
+    assert {name for name, _ in last.states} == {"stick", "slip", "separation"}
+    assert last.residual < 1e-10
+
+
 def drawn(seed):
     """Structures with 2 to 6 modes beyond their first onset of flutter."""
     while True:
@@ -222,7 +234,9 @@ def agrees(scene, run):
     # The main frequency of a run is one of the cycle's harmonics.
     order = run.summary["dominant_frequency"] / found.frequency
     assert order == pytest.approx(round(order), abs=0.01)
-    assert found.summary["velocity_rms"] == pytest.approx(run.summary["velocity_rms"], rel=0.05)
+    end = run.final_state
+    late = simulate(scene, 50.0 * found.period, initial=end, settle=end.time).summary
+    assert found.summary["velocity_rms"] == pytest.approx(late["velocity_rms"], rel=0.05)
 
 
 def test_random_structures():
