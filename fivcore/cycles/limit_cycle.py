@@ -38,8 +38,8 @@ class LimitCycle:
     residual : float
         By how much the motion does not close, in units of its size.
     flow, segments, plane, monodromy
-        Its equations, its statuses with their starts, the plane across it where it has no events, and the derivative
-        of its return map (`fivcore.cycles.flow`, `fivcore.cycles.shooting`).
+        Its equations, its statuses with their starts, the plane across it where it has no events, and the
+        derivative of its return map (`fivcore.cycles.flow`, `fivcore.cycles.shooting`).
     """
 
     scene: Scene
