@@ -76,7 +76,7 @@ def test_runs_by_fast_end_on_a_cycle_as_steps_get_shorter():
 
 
 def test_stable_and_unstable_cycle_meet_at_the_fold():
-    branch = follow_cycle(of_belt(1.82, FALL, XI), "V", 2.4, most=6)
+    branch = follow_cycle(of_belt(1.834, FALL, XI), "V", 2.4, most=4)
     assert [place.text for place in branch.places] == ["stick vanishes", "fold"]
     assert branch.places[1].value == pytest.approx(END, abs=2e-7)
     first, last = branch.cycles[0], branch.cycles[-1]
@@ -234,8 +234,9 @@ def agrees(scene, run):
     # The main frequency of a run is one of the cycle's harmonics.
     order = run.summary["dominant_frequency"] / found.frequency
     assert order == pytest.approx(round(order), abs=0.01)
-    end = run.final_state
-    late = simulate(scene, 50.0 * found.period, initial=end, settle=end.time).summary
+    # From event to event: `fast` stays elsewhere on one of fifty, with impacts at mu = 1.34, whatever its step.
+    end = State(run.final_state.displacement, run.final_state.velocity, run.final_state.contact, True)
+    late = simulate(scene, 60.0 * found.period, "exact", initial=end, settle=40.0 * found.period).summary
     assert found.summary["velocity_rms"] == pytest.approx(late["velocity_rms"], rel=0.05)
 
 
