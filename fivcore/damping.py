@@ -10,7 +10,7 @@ from fivcore.jit import Array
 
 # Share of the band in which tied modes, which have parts of modes that are not computed, can have the ratios
 # given.
-SHARE = 0.8
+BAND_SHARE = 0.8
 # Weight of the tied modes above, and of the ratios of the free modes. With it the tied ratios below are within
 # 0.8 % on the paper's rig with 11 to 361 modes, and no free mode has more than 1.6 times the ratio; with a tenth
 # of it 0.5 %, but free modes without damping; without it, up to 18 times the ratio.
@@ -53,7 +53,7 @@ def fitted(ratios: Array, stiffness: Array, values: Array, shapes: Array) -> Arr
         return np.zeros(len(stiffness))
     tied, free = np.sqrt(values), np.sqrt(stiffness)
     unit = 2.0 * np.maximum(free, tied[0])
-    weight = np.where(tied < SHARE * free[-1], 1.0, WEIGHT) / np.where(ratios > 0.0, ratios, ratios.mean())
+    weight = np.where(tied < BAND_SHARE * free[-1], 1.0, WEIGHT) / np.where(ratios > 0.0, ratios, ratios.mean())
     rows = weight[:, None] * tied_ratios(np.diag(unit), values, shapes)
     nearest = WEIGHT / ratios.mean()
     rows = np.vstack([rows, nearest * np.eye(len(free))])

@@ -16,15 +16,15 @@ from fivcore.errors import InputError, UnsolvedError
 from fivcore.jit import Array
 
 # Degrees of freedom up to which all modes are computed, dense.
-DENSE = 600
+DENSE_SIZE = 600
 # Stiffness of a static mode, in units of the largest one.
 STATIC = 1e12
 # Vectors of a block of the Lanczos method; share of the modes up to which it is used, for it needs about
 # three times as many vectors as it finds modes; residual of a mode that has converged.
-WIDTH, FEW, CONVERGED = 8, 0.25, 1e-10
+WIDTH, SPARSE_SHARE, CONVERGED = 8, 0.25, 1e-10
 # What is left of a direction, relative to it, that is rounding; error of a factorisation, relative to its terms,
 # up to which its pivots count.
-LOST, SOUND = 1e-12, 1e-10
+ROUNDED_OFF, SOUND = 1e-12, 1e-10
 # Memory that modes may take, GB.
 MEMORY = 16.0
 # Strain energy of a rigid motion, in units of EPS |x|^T |K| |x|, at most: equal elements round alike, so that free
@@ -69,13 +69,13 @@ def lowest_modes(
     """
     n, limit = M.shape[0], np.inf if fmax is None else (2.0 * np.pi * fmax) ** 2
     _check_mass(M, names)
-    if n > DENSE:
+    if n > DENSE_SIZE:
         M, K = sparse.csc_array(M), sparse.csc_array(K)
         limit, count = _count_below(M, K, limit)
         # Three arrays of the basis, or of all modes.
         if (size := 24e-9 * n * min(n, 3 * count)) > MEMORY:
             raise InputError(f"fmax = {fmax:g}: the {count} modes below it need {size:.0f} GB; lower it")
-    if n > DENSE and max(count, WIDTH) < FEW * n:
+    if n > DENSE_SIZE and max(count, WIDTH) < SPARSE_SHARE * n:
         # A negative shift: the factorised matrix is positive definite, with rigid motions too.
         shift = 1e-3 * limit
         factors = _factorised(K + shift * M)
@@ -183,7 +183,7 @@ def _orthonormal(M: Any, basis: Array, block: Array, random: np.random.Generator
         block = block / np.sqrt(np.sum(block * (M @ block), axis=0))
         block = block - basis @ (basis.T @ (M @ block))
         block = block @ np.linalg.eigh(block.T @ (M @ block))[1]
-        lost = np.sum(block * (M @ block), axis=0) < LOST**2
+        lost = np.sum(block * (M @ block), axis=0) < ROUNDED_OFF**2
         if attempt < 2:
             block[:, lost] = random.standard_normal((len(block), int(lost.sum())))
     return np.asarray(block / np.sqrt(np.sum(block * (M @ block), axis=0)))

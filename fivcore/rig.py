@@ -99,12 +99,12 @@ PAPER = {"p1": P1, "p2": P2}
 VALID = 0.0291
 
 
-class Structural:
+class ContactModel:
     """Base class of `Rig` and `fivcore.Structure`: a function that takes one takes the other."""
 
     # Normal force at rest for a unit load, and the unit of the times that a run chooses by itself.
     preload: Any = 1.0
-    time_unit: Any = 1.0
+    time_scale: Any = 1.0
     d1: float
     d2: float
     _repr_html_: Any
@@ -116,7 +116,7 @@ class Structural:
 
 def checked_theta(name: str, rig: Any, theta: Any) -> float:
     """Check a rig with its inclination, degrees, or a structure with theta = 0; return theta."""
-    if not isinstance(rig, Structural):
+    if not isinstance(rig, ContactModel):
         raise InputError(f"{name} = {checks.short(rig)}: it must be a Rig or a Structure")
     degrees = checks.theta_degrees(theta)
     if degrees != 0.0 and not isinstance(rig, Rig):
@@ -125,7 +125,7 @@ def checked_theta(name: str, rig: Any, theta: Any) -> float:
 
 
 @dataclass(frozen=True)
-class Rig(Structural):
+class Rig(ContactModel):
     """Two beams in point contact: P1's tip C rests on P2; P1 rises to its support A, which is free along y.
 
     A bad value is a `ValueError`, naming it and what is allowed.

@@ -27,11 +27,11 @@ from scipy.sparse.csgraph import connected_components
 from fivcore import checks
 from fivcore.beams.elements import axial
 from fivcore.beams.modes import contact_modes, one_blas_thread, residual_flexibility, rig_bases
-from fivcore.damping import SHARE, fitted, tied_modes, tied_ratios
+from fivcore.damping import BAND_SHARE, fitted, tied_modes, tied_ratios
 from fivcore.errors import DampingWarning, InputError
-from fivcore.finite_elements import DENSE, checked_matrix, free_rows, lowest_modes, static_modes
+from fivcore.finite_elements import DENSE_SIZE, checked_matrix, free_rows, lowest_modes, static_modes
 from fivcore.jit import Array, ReadOnlyArrays
-from fivcore.rig import Rig, Structural, html_table
+from fivcore.rig import ContactModel, Rig, html_table
 from fivcore.structure_files import structure_arguments
 
 # Frequency at which times and bands are those of the beams, Hz.
@@ -47,13 +47,13 @@ MOTION_MODES, PART = 39, 1e-3
 # root 3 of bending beams, 1 of rods; rigs of beams have 1.48 or more, solids 0.5 to 1.2 and twice as many modes.
 SLENDER = 2.0**0.5
 # As many as that where sliding grows above this share of the cut-off, where the contact's dashpot decides on it.
-FURTHER_MODES, REACH = 50, 0.7
+FURTHER_MODES, GROWTH_REACH = 50, 0.7
 # Most modes in motion, whether they move the gaps or not.
 MOST_MODES = 400
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Structure(Structural, ReadOnlyArrays):
+class Structure(ContactModel, ReadOnlyArrays):
     """Modes of a structure as its contact, its load and its drive see them; arrays are read-only, SI.
 
     Made by `from_matrices`, `from_modes`, `read` or `of`. Equal structures have the same `digest`.
@@ -218,7 +218,7 @@ class Structure(Structural, ReadOnlyArrays):
             remarks = (f"stiffness: {n - len(name)} degrees of freedom are held, with {diagonal.max():g}",)
         contact = np.stack([rows["normal"], rows["tangential"], rows["load"]])
         band = None if fmax is None else checks.band(fmax)
-        band = 10e3 if band is None and n > DENSE else band
+        band = 10e3 if band is None and n > DENSE_SIZE else band
         struck = _of_loaded_bodies(M, K, rows["normal"], rows["load"])
         output_row, drive_row = rows.get("output", rows["tangential"]), rows.get("drive", np.zeros(len(name)))
 
@@ -321,16 +321,16 @@ class Structure(Structural, ReadOnlyArrays):
         return float(-(flexible @ self.load) / (flexible @ self.normal)), PRESSED * float(np.abs(terms).sum())
 
     @cached_property
-    def time_unit(self) -> float:
+    def time_scale(self) -> float:
         """Unit of the times that a run chooses by itself, such as of segments and samples; 1 for the beams."""
         elastic = self.frequency[self.frequency > 0.0]
         return MIDDLE / float(np.clip(MIDDLE, elastic.min(), elastic.max())) if len(elastic) else 1.0
 
-    def stiffly_damped(self, added: float) -> Structure:
+    def with_stiffness_damping(self, added: float) -> Structure:
         """With `added` s more stiffness damping."""
         own = self.stiffness * (np.arange(len(self.stiffness)) < len(self.frequency))
         rayleigh = None if self.rayleigh is None else (self.d1, self.d2 + added)
-        wider = self.wider and self.wider.stiffly_damped(added)
+        wider = self.wider and self.wider.with_stiffness_damping(added)
         return replace(self, damping=self.damping + added * own, rayleigh=rayleigh, wider=wider)
 
     def truncated(self) -> Structure:
@@ -352,7 +352,7 @@ class Structure(Structural, ReadOnlyArrays):
 
     @cached_property
     def reaching(self) -> Structure:
-        """With a cut-off for motions that grow above `REACH` of the usual one, where more modes are known."""
+        """With a cut-off for motions that grow above GROWTH_REACH of the usual one, if more modes are known."""
         if self.cutoff is None or self.wider:
             return replace(self, cutoff=None) if self.wider and self.wider.static else self
         m = len(self.frequency)
@@ -397,7 +397,7 @@ class Structure(Structural, ReadOnlyArrays):
             return structure
         each = [f"{a:.6g} Hz: {b:.3g} for {c:.3g}" for a, b, c in np.stack([frequency, given, ratios]).T[missed]]
         text = f"damping: ratios of tied modes are missed at {', '.join(each)}; compute more modes (fmax)"
-        if np.any(missed & (frequency < SHARE * self.frequency[-1])):
+        if np.any(missed & (frequency < BAND_SHARE * self.frequency[-1])):
             warnings.warn(text, DampingWarning, stacklevel=2)
         return replace(structure, remarks=(*structure.remarks, text))
 
@@ -591,18 +591,18 @@ def of_beams(rig: Rig, theta: float) -> Structure:
     stiffness, normal, tangential = contact_modes(rig, theta)
     upper, lower = rig_bases(rig, theta)
     n1 = len(upper.stiffness)
-    inertia, point_b, load = np.zeros((3, len(stiffness)))
+    inertia, output, load = np.zeros((3, len(stiffness)))
     inertia[n1:] = -axial(rig.p2).base_inertia @ lower.shapes[1:, 0]
     # B lies between two nodes, where the displacement is linear.
     distance = np.arange(rig.p1.elements + 1) - (1.0 - rig.point_b) * rig.p1.elements
-    point_b[:n1] = np.maximum(1.0 - np.abs(distance), 0.0) @ upper.shapes[:, 0]
+    output[:n1] = np.maximum(1.0 - np.abs(distance), 0.0) @ upper.shapes[:, 0]
     load[:n1] = -upper.shapes[0, 1]
     damping = rig.d1 + rig.d2 * stiffness
     struck = np.where(np.arange(len(normal)) < n1, normal, 0.0)
-    own = Structure(stiffness, damping, normal, tangential, inertia, point_b, load, (rig.d1, rig.d2))
+    own = Structure(stiffness, damping, normal, tangential, inertia, output, load, (rig.d1, rig.d2))
     return replace(own, struck=struck)
 
 
-def structure_of(rig: Structural, theta: float) -> Structure:
+def modal_structure(rig: ContactModel, theta: float) -> Structure:
     """The structure that a rig at `theta`, degrees, or a structure is."""
     return of_beams(rig, theta) if isinstance(rig, Rig) else cast(Structure, rig)

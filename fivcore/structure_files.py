@@ -22,11 +22,11 @@ from fivcore import checks
 from fivcore.errors import InputError
 from fivcore.jit import Array
 
-ROWS = ("normal", "tangential", "load", "output", "drive")
-COLUMNS = ("frequency", *ROWS, "damping_ratio")
+GIVEN_ROWS = ("normal", "tangential", "load", "output", "drive")
+COLUMNS = ("frequency", *GIVEN_ROWS, "damping_ratio")
 MATRICES = ("mass", "stiffness", "damping")
 NUMBERS = ("d1", "d2", "damping_ratio", "fmax")
-DENSE = "a whole matrix must be in .npz, .mat or Matrix Market's array form"
+NEEDS_ARRAY = "a whole matrix must be in .npz, .mat or Matrix Market's array form"
 DIRECTIONS = dict(zip("123456", ("x", "y", "z", "rx", "ry", "rz"), strict=True))
 
 
@@ -88,19 +88,19 @@ def structure_arguments(path: str | Path) -> tuple[str, dict[str, Any]]:
     """
     with reading(path):
         content, folder = tomllib.loads(Path(path).read_text("utf-8")), Path(path).parent
-        rows = {name: content[name] for name in ROWS if name in content}
+        rows = {name: content[name] for name in GIVEN_ROWS if name in content}
         if "mode" in content:
             _check_names(content, ("mode", *NUMBERS[:3]))
             checks.instance("mode", modes := content["mode"], list)
             columns = {name: [each.get(name) for each in modes] for name in {n: 0 for mode in modes for n in mode}}
             arguments = _numbers(columns, COLUMNS, COLUMNS[:3])
         elif "modes" in content:
-            _check_names(content, ("modes", *ROWS, *NUMBERS[:3]))
+            _check_names(content, ("modes", *GIVEN_ROWS, *NUMBERS[:3]))
             arguments = read_modes(_file(folder, content["modes"]), rows)
         else:
-            _check_names(content, (*MATRICES, *ROWS, *NUMBERS, "nodes", "dofs_per_node"), MATRICES[:2])
+            _check_names(content, (*MATRICES, *GIVEN_ROWS, *NUMBERS, "nodes", "dofs_per_node"), MATRICES[:2])
             arguments = _matrices(content, rows, folder)
-        _check_names(arguments, arguments, ROWS[:3])
+        _check_names(arguments, arguments, GIVEN_ROWS[:3])
         arguments |= _numbers({name: content[name] for name in NUMBERS if name in content}, NUMBERS)
         return "from_matrices" if "mass" in content else "from_modes", arguments
 
@@ -176,11 +176,11 @@ def _text_matrix(path: Path) -> tuple[Any, Any]:
             table = table[1:]
         whole = table.shape[1] in (3, 5) and not (table[:, :-1] % 1).any()
         if not whole or (table.shape == (3, 3) and np.array_equal(table, table.T)):
-            raise InputError(f"its lines are neither i, j, value nor node, dof, node, dof, value; {DENSE}")
+            raise InputError(f"its lines are neither i, j, value nor node, dof, node, dof, value; {NEEDS_ARRAY}")
         places, values = table[:, :-1].astype(int), table[:, -1]
         # Nodes may be negative, where Abaqus makes them itself.
         if (least := places[:, -1::-2].min()) < 1:
-            zero = "count rows and columns from 1, not from 0" if least == 0 else DENSE
+            zero = "count rows and columns from 1, not from 0" if least == 0 else NEEDS_ARRAY
             raise InputError(f"it has a row or direction {least}; {zero}")
         if table.shape[1] == 5:
             # Sorting single integers is faster than sorting pairs.

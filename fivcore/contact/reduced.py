@@ -27,8 +27,8 @@ from fivcore.contact.impulse import at_impulses
 from fivcore.contact.law import DiscreteContact, ratio, resistance
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array, ReadOnlyArrays
-from fivcore.rig import Rig, Structural
-from fivcore.structure import SLENDER, structure_of
+from fivcore.rig import ContactModel, Rig
+from fivcore.structure import SLENDER, modal_structure
 
 MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "output", "load")
 # Default step of `fast` in units of the contact's own time 1 / omega (with 1.75 the paper's rig balances its
@@ -186,18 +186,18 @@ def _discrete(model: ReducedModel, step: float) -> DiscreteContact:
 
 
 @lru_cache(maxsize=64)
-def full_model(rig: Structural, theta: float) -> ReducedModel:
+def full_model(rig: ContactModel, theta: float) -> ReducedModel:
     """Return the structure itself, every mode in rigid contact; loads are in units of the preload."""
-    own = structure_of(rig, theta).motion
+    own = modal_structure(rig, theta).motion
     kept, none = np.ones(len(own.stiffness), dtype=bool), np.zeros((2, 2))
     load, few = own.load / own.preload, STEP_PER_MODE * max(int(np.sum(own.stiffness > 0.0)), 1)
     return ReducedModel(
         own.stiffness, own.damping, own.normal, own.tangential, own.inertia, own.output, load, kept, none, none,
-        INTERVAL * own.time_unit, rigid_step=RIGID_STEP if isinstance(rig, Rig) else min(few, MOST_RIGID_STEP),
+        INTERVAL * own.time_scale, rigid_step=RIGID_STEP if isinstance(rig, Rig) else min(few, MOST_RIGID_STEP),
     )  # fmt: skip
 
 
-def default_cutoff(rig: Structural) -> float:
+def default_cutoff(rig: ContactModel) -> float:
     """Cut-off of a reduced model, Hz: `CUTOFF_SHARE` of a frequency just below an axial mode of P1.
 
     That is the first above `LEAST_CUTOFF`, but not below the third, 5 c / (4 L), which keeps an impact's reflected
@@ -207,7 +207,7 @@ def default_cutoff(rig: Structural) -> float:
     from modes all.
     """
     if not isinstance(rig, Rig):
-        own = structure_of(rig, 0.0)
+        own = modal_structure(rig, 0.0)
         return own.cutoff or 1e3 * float(own.motion.frequency[-1])
     speeds = [(beam, float(np.sqrt(beam.young_modulus / beam.density))) for beam in (rig.p1, rig.p2)]
     slender = min(np.pi / (8.0 * np.sqrt(12.0)) * c / beam.thickness for beam, c in speeds)
@@ -218,7 +218,7 @@ def default_cutoff(rig: Structural) -> float:
 
 @lru_cache(maxsize=64)
 @one_blas_thread()
-def reduced_model(rig: Structural, theta: float, cutoff: float | None = None) -> ReducedModel:
+def reduced_model(rig: ContactModel, theta: float, cutoff: float | None = None) -> ReducedModel:
     """Return the modes below `cutoff`, Hz, by default that of `default_cutoff`, with a residual for the others.
 
     Raises
@@ -226,7 +226,7 @@ def reduced_model(rig: Structural, theta: float, cutoff: float | None = None) ->
     SceneValueError
         For a cut-off that keeps fewer than three modes.
     """
-    full, own = full_model(rig, theta), structure_of(rig, theta).motion
+    full, own = full_model(rig, theta), modal_structure(rig, theta).motion
     cutoff = default_cutoff(rig) if cutoff is None else cutoff
     kept, modes = full.stiffness < (2.0 * np.pi * cutoff) ** 2, len(full.stiffness) - own.static
     # Static modes represent the residual flexibility and are never kept.

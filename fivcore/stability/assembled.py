@@ -3,8 +3,8 @@
 Shift and invert gives all modes in a band at a few values of mu (Tisseur and Meerbergen,
 SIAM Review 43, 2001, 235-286). Their real and imaginary parts are a basis for the other values: Galerkin
 projection leaves a small dense problem. Every mode is tested in the full problem; where one fails, the full
-problem is solved at that mu and its modes join the basis. Up to DENSE degrees of freedom everything is solved
-densely.
+problem is solved at that mu and its modes join the basis. Up to UNPROJECTED degrees of freedom everything is
+solved densely.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from fivcore.errors import InputError, UnsolvedError
 from fivcore.jit import Array, Complex, ReadOnlyArrays
 
 # Degrees of freedom up to which nothing is projected.
-DENSE = 200
+UNPROJECTED = 200
 # Bound of |Re lam| by the band; by how much more the basis covers.
-SIDE, MARGIN = 0.5, 1.1
+SIDE, BASIS_MARGIN = 0.5, 1.1
 # Eigenvalues computed at once, to begin with, and to see whether any is missing; their number by that of degrees
 # of freedom from which a dense solve is quicker; size of the part of a vector that is not parallel to others.
-NEAREST, FEW, MOST, PARALLEL = 40, 8, 0.5, 1e-8
+NEAREST, FURTHER, DENSE_SHARE, PARALLEL = 40, 8, 0.5, 1e-8
 # Restarts of an Arnoldi method that take as long as a dense solve, by the squared ratio of degrees of freedom to
 # vectors kept.
 RESTARTS = 1.0
 # Largest residual; largest residual by what is left out of the basis; |Re lam| / |lam| of a neutral mode.
-TOLERANCE, DROP, NEUTRAL = 1e-8, 1e-9, 1e-7
+MOST_RESIDUAL, DROP, NEUTRAL = 1e-8, 1e-9, 1e-7
 # Intervals of mu searched for onsets, and the shortest to which one is halved, as a fraction of mu_max.
-CELLS, SHORTEST = 64, 1e-5
+CELLS, SHORTEST_CELL = 64, 1e-5
 _norm = partial(np.linalg.norm, axis=0)
 
 
@@ -72,7 +72,7 @@ class _Problem:
         # The unit of lam: the band, unless all eigenvalues are far below it.
         scale = np.sqrt(abs(stiffness).max() / (abs(mass).max() or 1.0)) or self.band
         self.size, self.unit = mass.shape[0], min(self.band, float(scale))
-        self.vectors = self.basis = np.eye(self.size, self.size if self.size <= DENSE else 0)
+        self.vectors = self.basis = np.eye(self.size, self.size if self.size <= UNPROJECTED else 0)
         self.small: list[Array] = []
         self.count, self.solutions = NEAREST, 0
 
@@ -100,17 +100,17 @@ class _Problem:
         """All modes of the region at this mu; lam of a neutral one has the real part 0."""
         try:
             found = self.project(mu)
-            lam, solved = found[0], found[1].real <= TOLERANCE
+            lam, solved = found[0], found[1].real <= MOST_RESIDUAL
             if self.basis.shape[1] < self.size and (self.solutions < 3 or not solved.all()):
                 lam, found = self.solve(mu), self.project(mu)
-                found = found[:, found[1].real <= TOLERANCE]
+                found = found[:, found[1].real <= MOST_RESIDUAL]
                 solved = np.abs(np.subtract.outer(lam, found[0])).min(axis=1, initial=np.inf) < 1e-6 * self.unit
         except (RuntimeError, np.linalg.LinAlgError) as error:
             text = "every degree of freedom needs mass, damping or stiffness"
             raise InputError(f"matrices at mu = {mu:g}: {error}; {text}") from None
         if (missing := lam[~solved & self.inside(lam)]).size:
             place = f"{missing[0].imag / (2.0 * np.pi):.6g} Hz, mu = {mu:g}"
-            raise UnsolvedError(f"assembled modes: at {place}, a residual stays above {TOLERANCE:g}")
+            raise UnsolvedError(f"assembled modes: at {place}, a residual stays above {MOST_RESIDUAL:g}")
         found = found[:, self.inside(found[0])]
         found[0].real[np.abs(found[0].real) <= np.maximum(found[2].real, NEUTRAL * np.abs(found[0]))] = 0.0
         found[0].imag[np.abs(found[0].imag) <= NEUTRAL * self.unit] = 0.0
@@ -128,7 +128,7 @@ class _Problem:
         inverse, left, right = linalg.eig(np.vstack([-half, np.eye(size, 2 * size) - half]), left=True)
         with np.errstate(divide="ignore", invalid="ignore"):
             lam = shift + shift / inverse
-            kept = self.inside(lam, MARGIN)
+            kept = self.inside(lam, BASIS_MARGIN)
             lam, right, left = lam[kept], right[:size, kept], (left[:size] + left[size:])[:, kept]
             left = np.linalg.solve((m + c + k).T, left)
             turn = np.sum(left.conj() * (2.0 * lam / shift * (m @ right) + c @ right), axis=0) / shift
@@ -140,15 +140,15 @@ class _Problem:
     def solve(self, mu: float) -> Complex:
         """Return the full problem's eigenvalues there, and add their vectors to the basis."""
         mass, damping, stiffness, friction = self.matrices(mu)
-        stiffness, half = stiffness + mu * friction, 0.5 * MARGIN * self.band
+        stiffness, half = stiffness + mu * friction, 0.5 * BASIS_MARGIN * self.band
         # The disc about the middle of the region and its margin that holds both.
-        radius = float(np.hypot(half, SIDE * MARGIN * self.band))
-        pairs = _nearest(mass, damping, stiffness, 1j * half, radius, self.count)
+        radius = float(np.hypot(half, SIDE * BASIS_MARGIN * self.band))
+        pairs = _eigenvalues_near(mass, damping, stiffness, 1j * half, radius, self.count)
         if pairs is None:
             self.basis, self.small = np.eye(self.size), []
             return np.asarray(self.project(mu)[0])
-        self.count = pairs.shape[1] + FEW
-        lam, *_ = pairs = pairs[:, self.inside(pairs[0], MARGIN)]
+        self.count = pairs.shape[1] + FURTHER
+        lam, *_ = pairs = pairs[:, self.inside(pairs[0], BASIS_MARGIN)]
         vectors = pairs[1:]
         # What is left out of the basis is measured by its forces, as residuals are.
         vectors = vectors / _forces(mass, damping, stiffness, lam, vectors, self.unit)[1]
@@ -166,10 +166,10 @@ def _forces(m: Any, c: Any, k: Any, lam: Complex, x: Complex, unit: float) -> tu
     forces, size = (lam**2 * (m @ x), lam * (c @ x), k @ x), np.maximum(np.abs(lam), unit)
     rounding = sum(size**power * abs(each).sum(axis=1).max() for power, each in enumerate((k, c, m)))
     rounding = 8.0 * EPS * rounding * _norm(x)
-    return _norm(sum(forces)), np.maximum(sum(map(_norm, forces)), rounding / TOLERANCE), rounding
+    return _norm(sum(forces)), np.maximum(sum(map(_norm, forces)), rounding / MOST_RESIDUAL), rounding
 
 
-def _nearest(m: Any, c: Any, k: Any, shift: complex, radius: float, count: int) -> Complex | None:
+def _eigenvalues_near(m: Any, c: Any, k: Any, shift: complex, radius: float, count: int) -> Complex | None:
     """Find all eigenvalues in a disc, and their vectors; None: so many that a dense solve is quicker.
 
     Arnoldi methods from random starts, each in the complement of what is found already, until one finds nothing
@@ -189,7 +189,7 @@ def _nearest(m: Any, c: Any, k: Any, shift: complex, radius: float, count: int) 
         return state - basis @ (basis.conj().T @ state)
 
     operator = LinearOperator((2 * size, 2 * size), left, dtype=complex)
-    while basis.shape[1] + count <= MOST * size:
+    while basis.shape[1] + count <= DENSE_SHARE * size:
         start, width = random.standard_normal(2 * size) + 0j, min(count + count // 4 + 20, 2 * size)
         # So many restarts take as long as a dense solve: overdamped modes, whose real eigenvalues crowd.
         restarts = 1 + int(RESTARTS * (size / width) ** 2)
@@ -204,7 +204,7 @@ def _nearest(m: Any, c: Any, k: Any, shift: complex, radius: float, count: int) 
         q, r = np.linalg.qr(states[:, near])
         # One of two vectors that are parallel is found again, as another vector, without the other.
         basis = np.linalg.qr(np.hstack([basis, q[:, np.abs(np.diag(r)) > PARALLEL]]))[0]
-        count = count if near.all() else FEW
+        count = count if near.all() else FURTHER
     return None
 
 
@@ -213,7 +213,7 @@ def assembled_modes(
 ) -> AssembledModes:
     """All modes of (lam^2 M + lam C + K + mu Kf) x = 0 with 0 <= Im(lam) <= w, |Re(lam)| <= w / 2, w = 2 pi fmax.
 
-    Real eigenvalues, of overdamped or diverging motion, have frequency 0. With up to DENSE degrees of freedom no
+    Real eigenvalues, of overdamped or diverging motion, have frequency 0. With up to 200 degrees of freedom no
     mode is missing. Larger models are solved in full at the smallest, the largest and a middle mu, and where a
     mode fails its test. There a mode is missing only if an Arnoldi method from a random start, in the complement
     of all others, does not find it; where the region has a quarter of all modes, a dense solve finds them. At
@@ -285,7 +285,7 @@ def assembled_onsets(
         ends = [(growing(mu)[0].real, growing(mu)[3].real * (0.5 * (low + high) - mu)) for mu in (low, high)]
         before, after = (int(np.count_nonzero(now > 0.0)) for now, _ in ends)
         doubt = any(((now < 0.0) & (now + 2.0 * change > 0.0)).any() for now, change in ends)
-        if (after > before + 1 or (after <= before and doubt)) and high - low > SHORTEST * most:
+        if (after > before + 1 or (after <= before and doubt)) and high - low > SHORTEST_CELL * most:
             cells += [(low, 0.5 * (low + high)), (0.5 * (low + high), high)]
             continue
         for place in range(before, after):

@@ -29,10 +29,10 @@ from fivcore.errors import InputError
 from fivcore.jit import Array, Complex, kernel
 from fivcore.structure import Structure
 
-# Exponents are listed up to |phi| = TOP; undamped eigenvalues up to LARGEST times the largest of the band.
-TOP, LARGEST = 2.0, 5.0
+# Exponents are listed up to |phi| = LARGEST_PHI; undamped eigenvalues up to LARGEST times the largest of the band.
+LARGEST_PHI, LARGEST = 2.0, 5.0
 # `FAR` and `BLOCKS` of the eigenproblem; how much more than what is listed its eigenvalues may be.
-NEAR, FEW, MARGIN = 9.0, 2, 1.02
+COARSE_FAR, COARSE_BLOCKS, MARGIN = 9.0, 2, 1.02
 # Damping that is none; real shifts, of which that is used where f is farthest from 0; the longest way of a root by
 # Newton steps, as a share of it.
 FAINT, SHIFTS, FURTHEST = 1e-12, (1.3, 0.55, 2.4), 0.05
@@ -40,7 +40,7 @@ FAINT, SHIFTS, FURTHEST = 1e-12, (1.3, 0.55, 2.4), 0.05
 ONE_THREAD = 64
 # Where friction falls: STIFF d2 2 pi fmax is at most 1, unless there are few modes. Points solved together.
 STIFF, CROWD = 5.0, 200
-BATCH = 256
+POINTS_AT_ONCE = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ def band_modes(own: Structure, fmax: float, falling: bool = False) -> BandModes:
                 f" {1.0 / (STIFF * omega):.3g} s for fmax = {fmax:g} Hz; choose a smaller d2 or fmax"
             )
         away = np.zeros(len(p))
-    few = compressed(p, c, g, away > NEAR, FEW)
+    few = compressed(p, c, g, away > COARSE_FAR, COARSE_BLOCKS)
     far = away > (FAR if rayleigh else FAR_MODAL)
     if rayleigh:
         p, c, g = compressed(p, c, g, far, BLOCKS)
@@ -208,11 +208,11 @@ def exponents(modes: BandModes, m: Array, k: Array) -> Complex:
 
     m and k, N s/m, are (points,). The last columns are `modes.uncoupled`.
     """
-    (p, c, (n, t)), k, largest, parts = modes.few, modes.omega * k, TOP, []
+    (p, c, (n, t)), k, largest, parts = modes.few, modes.omega * k, LARGEST_PHI, []
     if modes.rayleigh:
         largest = LARGEST * modes.largest
-    for i in range(0, max(len(m), 1), BATCH):
-        points = m[i : i + BATCH], k[i : i + BATCH]
+    for i in range(0, max(len(m), 1), POINTS_AT_ONCE):
+        points = m[i : i + POINTS_AT_ONCE], k[i : i + POINTS_AT_ONCE]
         if modes.rayleigh:
             inverse, shifts = undamped_inverse(points[0], p, n, t, modes.largest)
         else:

@@ -19,7 +19,7 @@ from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig, Scene
 from fivcore.stability.exponents import band_modes
 from fivcore.stability.sampled import Along, FrictionPath, coulomb_crossings, sampled_crossings
-from fivcore.structure import Structure, structure_of
+from fivcore.structure import Structure, modal_structure
 
 # Of speed, m/s, and load, N.
 LIMITS = 1e-100, 1e100
@@ -132,7 +132,7 @@ def sliding_onsets(scene: Scene, parameter: str, low: float, high: float, fmax: 
     end = checks.number(
         "high", high, f"above low = {start:g}, up to {limits[1]:g}", lambda x: start < x <= limits[1]
     )
-    own = structure_of(scene.rig, scene.drive_theta)
+    own = modal_structure(scene.rig, scene.drive_theta)
     if scene.V < 0.0 and not isinstance(scene.rig, Rig):
         own = own.mirrored()
     values = {"mu": scene.mu, "V": abs(scene.V), "F": scene.F}

@@ -26,7 +26,7 @@ from fivcore.stability.many import crossings, rig_table
 from fivcore.stability.sliding import sliding_modes
 
 # Largest distance of linked points; see `Point.place`.
-REACH = 0.3
+LINK_REACH = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,7 +313,7 @@ def _follow(
 def _link(sampler: Sampler, left: Any, right: Any, least: float, folds: bool) -> Pairs:
     """Pairs of neighbours on each branch between two samples, which are an angle and its points."""
     pairs = [(p, q) for p in left[1] for q in _nearest(p, right[1]) if _nearest(q, left[1])[0] is p]
-    pairs = [(p, q) for p, q in pairs if abs(q.place - p.place) <= REACH]
+    pairs = [(p, q) for p, q in pairs if abs(q.place - p.place) <= LINK_REACH]
     linked, middle = set(chain.from_iterable(pairs)), 0.5 * (left[0] + right[0])
     before, after = ([p for p in points if p not in linked and not p.outside] for _, points in (left, right))
     if not before and not after:

@@ -20,15 +20,22 @@ from fivcore.contact.compression import BLOCKS, FAR, compressed
 from fivcore.errors import InputError
 from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array, ReadOnlyArrays, kernel
-from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS, Rig, Structural, checked_theta
+from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS, ContactModel, Rig, checked_theta
 from fivcore.stability.exponents import band_modes
 from fivcore.stability.falling import checked_sliding, falling_crossings
-from fivcore.stability.onsets import MOST_INTERVALS, TOP, axis_point, divergence_onset, endless, isolated_crossings
+from fivcore.stability.onsets import (
+    MOST_INTERVALS,
+    PATH_TOP,
+    axis_point,
+    divergence_onset,
+    endless,
+    isolated_crossings,
+)
 from fivcore.stability.sampled import coulomb_crossings
-from fivcore.structure import Structure, structure_of
+from fivcore.structure import Structure, modal_structure
 
 # Rigs searched together, on which no result depends.
-BATCH = 256
+RIGS_AT_ONCE = 256
 # Parameters of a beam, and of a rig with theta: the columns of `rig_table`.
 BEAM, OWN = tuple(BEAM_PARAMETERS)[:5], tuple(RIG_PARAMETERS)[:4]
 PARAMETERS = ("theta", *OWN, *(f"{p}_{name}" for p in ("p1", "p2") for name in BEAM))
@@ -97,7 +104,7 @@ class ManyFlutterOnsets(FlutterOnsets):
 
 
 def flutter_onsets(
-    rig: Structural,
+    rig: ContactModel,
     theta: float,
     fmax: float = 10e3,
     mu_max: float = 1.0,
@@ -140,7 +147,7 @@ def flutter_onsets(
             if value is not None and value.ndim:
                 raise InputError(f"{name} of shape {value.shape}: it must be one number")
         values = {"mu": 0.0, "V": float(speed or 0.0), "F": float(load or 0.0)}
-        found, divergence = _of_structure(structure_of(rig, angle), band, most, friction, values)
+        found, divergence = _of_structure(modal_structure(rig, angle), band, most, friction, values)
     whole = _listed(found, divergence, band, most)
     own: Any = {each.name: getattr(whole, each.name)[0].copy() for each in fields(FlutterOnsets)}
     return FlutterOnsets(**own | {"divergence_mu": float(own["divergence_mu"])})
@@ -196,7 +203,7 @@ def _listed(found: Array, divergence: Array, fmax: float, mu_max: float) -> Many
     """What `crossings` are."""
     (place, change), rows = found[2:], len(divergence)
     on_axis, up = place <= fmax, change > 0.0
-    entering = ~on_axis & (place <= TOP * fmax) & up
+    entering = ~on_axis & (place <= PATH_TOP * fmax) & up
     parts = found[:3, on_axis & up], found[:3, on_axis & ~up], found[:2, entering], found[[0, 1, 3]]
     onset, recovery, [entry], changes = (_padded(each, rows) for each in parts)
     return ManyFlutterOnsets(
@@ -214,14 +221,14 @@ def crossings(table: Array, fmax: float, mu_max: float, rig: Rig, threads: int =
     beams = [unit_cantilever(beam.elements) for beam in (rig.p1, rig.p2)]
 
     def search(start: int) -> tuple[Array, Array]:
-        rows = table[start : start + BATCH]
+        rows = table[start : start + RIGS_AT_ONCE]
         found, divergence, failed = _search_rows(rows, 2.0 * np.pi * fmax, mu_max, *beams)
         if failed >= 0:
             raise endless(mu_max, fmax, f" in row {start + failed}, theta = {rows[failed, 0]:g},")
         found[:, 0] += start
         return found.T, divergence
 
-    starts = range(0, len(table), BATCH)
+    starts = range(0, len(table), RIGS_AT_ONCE)
     if min(workers, len(starts)) > 1:
         with ThreadPoolExecutor(workers) as pool:
             solutions = list(pool.map(search, starts))

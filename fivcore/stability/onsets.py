@@ -25,7 +25,7 @@ from fivcore.jit import Array, kernel
 MOST_INTERVALS = 100_000
 NONE, ONE, SPLIT = 0, 1, 2
 # Where the path reaches |phi| = 2, which is where `sliding_modes` ends, and phi = 2.
-TOP, ARC = 1.0 + 3.0**0.5, 1.0 + 3.0**0.5 + np.pi / 3.0
+PATH_TOP, ARC = 1.0 + 3.0**0.5, 1.0 + 3.0**0.5 + np.pi / 3.0
 # Samples of the real axis, 20 a decade, and the first of them.
 REAL, FIRST = 147, 1e-7
 
@@ -35,8 +35,8 @@ def contour(omega: float) -> complex:
     """Point of the path, phi in units of 2 pi fmax."""
     if omega <= 1.0:
         return complex(0.0, omega)
-    angle = np.pi / 6.0 - 0.5 * (omega - TOP)
-    return complex(omega - 1.0, 1.0) if omega <= TOP else 2.0 * complex(np.cos(angle), np.sin(angle))
+    angle = np.pi / 6.0 - 0.5 * (omega - PATH_TOP)
+    return complex(omega - 1.0, 1.0) if omega <= PATH_TOP else 2.0 * complex(np.cos(angle), np.sin(angle))
 
 
 @kernel
@@ -97,7 +97,7 @@ def classify_interval(
     # Bounds on the first and second derivative of lambda = n / q with respect to omega; |phi| is at most `size`.
     size, q = min(high, 2.0), np.hypot(1.0, d2 * min(low, 1.0))
     l1 = (2.0 * size + d1 + size * (size + d1) * d2 / q) / q
-    l2 = (2.0 + 2.0 * d2 * l1) / q + (0.5 * l1 if low >= TOP else 0.0)
+    l2 = (2.0 + 2.0 * d2 * l1) / q + (0.5 * l1 if low >= PATH_TOP else 0.0)
     # Sums over |p_n - p_i| u^k (|a_i| + i |b_i|), where 1 / u is the least |p_i - lambda|.
     s2, s3, s4 = 0j, 0j, 0j
     for i in range(len(p)):
@@ -138,7 +138,7 @@ def isolate(p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float, b
     """Fill `brackets` with low, high and pole index of each zero of W; return how many, and intervals judged."""
     found, judged, low, width = 0, 0, 0.0, 1.0 / 64.0
     while low < ARC and judged < MOST_INTERVALS:
-        high = min(low + width, 1.0 if low < 1.0 else TOP if low < TOP else ARC)
+        high = min(low + width, 1.0 if low < 1.0 else PATH_TOP if low < PATH_TOP else ARC)
         n = int(np.argmin(np.abs(p - axis_point(0.5 * (low + high), d1, d2)[0])))
         verdict = classify_interval(low, high, n, p, a, b, d1, d2, mu_max)
         judged += 1

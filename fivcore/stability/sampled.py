@@ -20,13 +20,12 @@ from scipy.optimize import brentq, fminbound
 from fivcore.beams.modes import EPS
 from fivcore.errors import UnsolvedError
 from fivcore.jit import Array, Complex, kernel
-from fivcore.stability.exponents import TOP as LARGEST_PHI
-from fivcore.stability.exponents import BandModes, band_modes, exponents, pair
-from fivcore.stability.onsets import ARC, FIRST, MOST_INTERVALS, TOP, contour, endless, isolated_crossings
+from fivcore.stability.exponents import LARGEST_PHI, BandModes, band_modes, exponents, pair
+from fivcore.stability.onsets import ARC, FIRST, MOST_INTERVALS, PATH_TOP, contour, endless, isolated_crossings
 from fivcore.structure import Structure
 
 # Steps of the samples, as shares of the distance from the nearest pole; the least step.
-STEPS, LEAST = (0.1, 0.04, 0.015, 0.005), 1e-9
+STEPS, LEAST_STEP = (0.1, 0.04, 0.015, 0.005), 1e-9
 # The last place: on the real axis, at both ends of the path, W is 0.
 LAST = ARC - FIRST
 
@@ -110,8 +109,8 @@ def sample(p: Array, c: Array, residues: Array, path: FrictionPath, poles: Compl
         count += 1
         if omega == LAST:
             return samples[:count]
-        corner = 1.0 if omega < 1.0 else TOP if omega < TOP else LAST
-        omega = min(omega + max(share * np.sqrt(away), LEAST), corner)
+        corner = 1.0 if omega < 1.0 else PATH_TOP if omega < PATH_TOP else LAST
+        omega = min(omega + max(share * np.sqrt(away), LEAST_STEP), corner)
 
 
 def coulomb_crossings(own: Structure, fmax: float, ratio: float, mu_max: float) -> Array:

@@ -1,9 +1,9 @@
 """Derivatives of the flutter onsets by the parameters of the rig: central differences of fourth order.
 
-The changed rigs are rows of one call of `flutter_onsets_many`. STEP balances truncation against rounding: on five
-rigs, including the paper's, normalised sensitivities agree with closed-form derivatives to a relative 5e-8; small
-ones to 5e-10 of the largest sensitivity of the same onset. With a node of a coarse P2 at
-the contact the error is some 1e-6, since there the second derivative of the interpolated deflection jumps.
+The changed rigs are rows of one call of `flutter_onsets_many`. RELATIVE_STEP balances truncation against rounding:
+on five rigs, including the paper's, normalised sensitivities agree with closed-form derivatives to a relative
+5e-8; small ones to 5e-10 of the largest sensitivity of the same onset. With a node of a coarse P2 at the contact
+the error is some 1e-6, since there the second derivative of the interpolated deflection jumps.
 
 Of a structure the derivatives are in closed form, by the implicit function theorem: at an onset
 h_NN + mu h_NT = 0 at phi = i omega, two real equations for mu and omega.
@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore.jit import Array, ReadOnlyArrays
-from fivcore.rig import Rig, Structural
+from fivcore.rig import ContactModel, Rig
 from fivcore.stability.exponents import FAINT
 from fivcore.stability.many import PARAMETERS, FlutterOnsets, flutter_onsets, flutter_onsets_many, rig_table
-from fivcore.structure import Structure, structure_of
+from fivcore.structure import Structure, modal_structure
 
 # Relative step; smallest size of a parameter that it is taken of, as a share of what would matter to the rig.
-STEP, LEAST = 2e-5, 1e-3
+RELATIVE_STEP, LEAST_SIZE = 2e-5, 1e-3
 # Places and weights of central differences, and of those to one side, of fourth and of second order.
 CENTRAL = np.array(
     [[-2.0, -1.0, 1.0, 2.0], [1.0 / 12.0, -2.0 / 3.0, 2.0 / 3.0, -1.0 / 12.0], [0.0, -0.5, 0.5, 0.0]]
@@ -59,7 +59,7 @@ class OnsetSensitivity(ReadOnlyArrays):
         of theta in degrees; of a direction, for each radian.
     fold : ndarray of bool, (n,)
         Whether the onset is near a fold, where it meets a recovery and its derivatives are infinite. Derivatives
-        by parameters that reach the fold within some STEP are NaN.
+        by parameters that reach the fold within some RELATIVE_STEP are NaN.
     """
 
     mu: Array
@@ -71,7 +71,9 @@ class OnsetSensitivity(ReadOnlyArrays):
     fold: NDArray[np.bool_]
 
 
-def onset_sensitivity(rig: Structural, theta: float, fmax: float = 10e3, mu_max: float = 1.0) -> OnsetSensitivity:
+def onset_sensitivity(
+    rig: ContactModel, theta: float, fmax: float = 10e3, mu_max: float = 1.0
+) -> OnsetSensitivity:
     """First derivatives of all flutter onsets in a band.
 
     Parameters
@@ -91,13 +93,13 @@ def onset_sensitivity(rig: Structural, theta: float, fmax: float = 10e3, mu_max:
     """
     onsets = flutter_onsets(rig, theta, fmax, mu_max)
     if not isinstance(rig, Rig):
-        return _of_structure(structure_of(rig, theta), onsets, 2.0 * np.pi * fmax)
+        return _of_structure(modal_structure(rig, theta), onsets, 2.0 * np.pi * fmax)
     values, omega = rig_table({"theta": theta}, rig)[0], 2.0 * np.pi * fmax
     least = np.zeros(len(PARAMETERS))
     least[[PARAMETERS.index(name) for name in ("head_mass", "d1", "d2")]] = rig.p1.mass, omega, 1.0 / omega
     # mu and theta have singular points where P1 is upright and where it lies.
     sizes = np.append(min(abs(theta), 90.0 - abs(theta)), np.abs(values[1:]))
-    steps = STEP * np.maximum(sizes, LEAST * least)
+    steps = RELATIVE_STEP * np.maximum(sizes, LEAST_SIZE * least)
     # Row 0 is the rig itself; the others change one parameter each, within its range.
     rows = np.tile(values, (1 + 4 * len(PARAMETERS), 1))
     stencils = np.array([_stencil(*each, rig) for each in zip(PARAMETERS, values, steps, strict=True)])
@@ -154,17 +156,17 @@ def _of_structure(own: Structure, onsets: FlutterOnsets, band: float) -> OnsetSe
     for k, (mu, frequency) in enumerate(zip(onsets.mu.tolist(), onsets.frequency.tolist(), strict=True)):
         omega = 2.0 * np.pi * frequency
         by_omega, by_friction, by_each = slopes(omega, mu)
-        flatness = _cross(by_omega, by_friction)
-        by_mu[:, k] = -_cross(by_omega, by_each) / flatness
-        by_frequency[:, k] = -_cross(by_each, by_friction) / flatness / (2.0 * np.pi)
+        flatness = _determinant(by_omega, by_friction)
+        by_mu[:, k] = -_determinant(by_omega, by_each) / flatness
+        by_frequency[:, k] = -_determinant(by_each, by_friction) / flatness / (2.0 * np.pi)
         # How this, which is zero at a fold, changes on the way of two steps of a parameter.
-        ahead = slopes(omega * (1.0 + STEP), mu)
-        change = (_cross(*ahead[:2]) / flatness - 1.0) / (STEP * frequency)
-        none[:, k] = ~(np.abs(2.0 * STEP * values * by_frequency[:, k] * change) <= BENT)
+        ahead = slopes(omega * (1.0 + RELATIVE_STEP), mu)
+        change = (_determinant(*ahead[:2]) / flatness - 1.0) / (RELATIVE_STEP * frequency)
+        none[:, k] = ~(np.abs(2.0 * RELATIVE_STEP * values * by_frequency[:, k] * change) <= BENT)
     return _listed(onsets, names, values, (by_mu, by_frequency), none)
 
 
-def _cross(one: Any, other: Any) -> Any:
+def _determinant(one: Any, other: Any) -> Any:
     """Determinant of two complex numbers as columns."""
     return (np.conj(one) * other).imag
 

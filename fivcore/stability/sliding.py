@@ -20,10 +20,10 @@ from fivcore.beams.modes import rig_bases
 from fivcore.errors import InputError
 from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array, Complex, ReadOnlyArrays
-from fivcore.rig import Rig, Structural, checked_theta
+from fivcore.rig import ContactModel, Rig, checked_theta
 from fivcore.stability.exponents import band_modes, exponents, pair, sliding_shape
 from fivcore.stability.falling import checked_sliding, sliding_point
-from fivcore.structure import structure_of
+from fivcore.structure import modal_structure
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class SlidingModes(ReadOnlyArrays):
     theta: Array
     mu: Array
     fmax: float
-    rig: Structural
+    rig: ContactModel
     friction: Friction = COULOMB
     V: Array | None = None
     F: Array | None = None
@@ -75,14 +75,14 @@ class SlidingModes(ReadOnlyArrays):
         P1's nodes from A to C come first, then P2's from the clamp to the free end (`node_positions`). For a
         structure: modal coordinates, (..., modes, n), scaled so that the largest is 1.
         """
-        rig, modes = self.rig, len(structure_of(self.rig, 0.0).frequency)
+        rig, modes = self.rig, len(modal_structure(self.rig, 0.0).frequency)
         size = (rig.p1.elements + rig.p2.elements + 2, 3) if isinstance(rig, Rig) else (modes,)
         shapes = np.full((*self.frequency.shape, *size), complex(np.nan, np.nan))
         for index in zip(*np.nonzero(np.isfinite(self.frequency)), strict=True):
             theta = float(self.theta[index[:-1]])
             phi = complex(self.growth_rate[index], 2.0 * np.pi * self.frequency[index])
             falling, alone = not self.friction.constant, bool(self.uncoupled[index])
-            q = sliding_shape(structure_of(rig, theta), phi, alone, falling)
+            q = sliding_shape(modal_structure(rig, theta), phi, alone, falling)
             shape = parts = q[:modes]
             if isinstance(rig, Rig):
                 upper, lower = rig_bases(rig, theta)
@@ -94,7 +94,7 @@ class SlidingModes(ReadOnlyArrays):
 
 
 def sliding_modes(
-    rig: Structural,
+    rig: ContactModel,
     theta: Any,
     mu: Any,
     fmax: float = 10e3,
@@ -151,7 +151,7 @@ def sliding_modes(
     groups = {angle: np.flatnonzero(angles.ravel() == angle) for angle in np.unique(angles).tolist()}
     solved = []
     for angle, points in groups.items():
-        own = structure_of(rig, angle)
+        own = modal_structure(rig, angle)
         if not friction.constant:
             given = [each.ravel()[points].tolist() for each in (frictions, V, F)]
             m[points], k[points] = np.transpose(

@@ -10,13 +10,13 @@ from fivcore import checks
 from fivcore.beams.modes import contact_modes, rig_bases
 from fivcore.errors import InputError
 from fivcore.jit import Array, kernel
-from fivcore.rig import Rig, Structural, checked_theta
-from fivcore.structure import structure_of
+from fivcore.rig import ContactModel, Rig, checked_theta
+from fivcore.structure import modal_structure
 
 HEAVIEST = 1e9  # kg, the largest concentrated mass that tuning gives
 
 
-def glued_frequencies(rig: Structural, theta: float, count: int = 8) -> Array:
+def glued_frequencies(rig: ContactModel, theta: float, count: int = 8) -> Array:
     """Natural frequencies of the undamped rig with both translations of C tied to P2, rotations free.
 
     Those of the finite-element model with all its modes, to rounding. Each is bisected with the number of
@@ -39,7 +39,7 @@ def glued_frequencies(rig: Structural, theta: float, count: int = 8) -> Array:
     ValueError
         For an argument out of range.
     """
-    own = structure_of(rig, checked_theta("rig", rig, theta))
+    own = modal_structure(rig, checked_theta("rig", rig, theta))
     stiffness, normal, tangential = own.stiffness, own.normal, own.tangential
     modes = len(own.frequency) - 2
     if modes < 1:

@@ -21,7 +21,7 @@ from fivcore.rig import Rig, Scene, html_table
 from fivcore.transient.exact import ExactRun
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.normalised import Normalised, State, energies
-from fivcore.transient.observe import BAND, Observer, Record
+from fivcore.transient.observe import PEAK_BAND, Observer, Record
 from fivcore.transient.options import Run, RunOptions
 from fivcore.transient.published import PaperRun
 from fivcore.transient.summary import summarise
@@ -87,15 +87,15 @@ def _short(value: Any) -> str:
     return f"{len(value)} values" if np.ndim(value) else value if isinstance(value, str) else f"{value:.5g}"
 
 
-class Job:
+class ObservedRun:
     """One scene under way: its run and its observers."""
 
     def __init__(self, scene: Scene, normalised: Normalised, options: RunOptions) -> None:
         self._scene, resumed, before = scene, options.resumed, options.last_row
-        self.run = resumed.again(options) if resumed else METHODS[options.method](normalised, options)
+        self.run = resumed.resumed(options) if resumed else METHODS[options.method](normalised, options)
         # The result does not keep the run that it continues, which would keep the one before.
         self.run.options = replace(options, resumed=None, last_row=None)
-        (low, high), unit, begun = BAND, scene.rig.time_unit, self.run.begun
+        (low, high), unit, begun = PEAK_BAND, scene.rig.time_scale, self.run.begun
         end, times = self.run.steps * self.run.step, options.sample_times
         self._observer = Observer(self.run.rate, int((end - begun) * self.run.rate) + 2, (low / unit, high / unit))
         self._rate = options.rows(self.run.step)[1]
@@ -152,7 +152,7 @@ def located(error: SceneError, scene: Scene) -> SceneError:
 def drive(scene: Scene, normalised: Normalised, options: RunOptions) -> Transient | SceneError:
     """Take a run from start to end; return its result, or the error that it ends with."""
     try:
-        job = Job(scene, normalised, options)
+        job = ObservedRun(scene, normalised, options)
         while not job.run.done:
             job.run.advance()
             job.observe()

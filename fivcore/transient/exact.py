@@ -46,7 +46,7 @@ DWELL = 1e-10
 # Largest growth of slip within DWELL, as a power of e.
 MOST_GROWTH = 10.0
 # Default grid on which statistics are read, length of a segment, and the shortest ramp, s.
-STEP, SEGMENT, SHORT = 1e-6, 0.04, 1e-7
+READING_STEP, SEGMENT, SHORT = 1e-6, 0.04, 1e-7
 # A rate of a rigid contact is zero below this, in units of the modes' rates.
 AT_REST = 1e-9
 
@@ -82,8 +82,8 @@ class ExactRun(SteppedRun):
         limit = model.painleve_mu(None) / ratio if ratio > 0.0 else np.inf
         if scene.mu >= limit:
             raise not_unique(scene.mu, limit)
-        unit = scene.rig.time_unit
-        step = STEP * unit if options.step is None else options.step
+        unit = scene.rig.time_scale
+        step = READING_STEP * unit if options.step is None else options.step
         super().__init__(scene, options, step, round(SEGMENT * unit / step), kernels.SCENE)
         self._dwell = dwell = DWELL * unit
         self._slipping, self._law, self.held = ratio * scene.mu, (scene.mu, *scene.friction.law), 0
@@ -149,7 +149,7 @@ class ExactRun(SteppedRun):
                 self.held += 1
             elif event > NOTHING:
                 self._next_status(t, event, y)
-            elif event == kernels.LOST and (self._which < SLIP_UP or self.scene.friction.constant):
+            elif event == kernels.NO_STEP and (self._which < SLIP_UP or self.scene.friction.constant):
                 raise DivergenceError(f"the motion has blown up at t = {t:.6g} s")
             elif event < NOTHING:
                 self._check(float(self._motion[-2]), 0.0)

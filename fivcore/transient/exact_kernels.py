@@ -26,15 +26,15 @@ SCENE = np.dtype([*FIELDS, *((name, "i8") for name in _WHOLE)])
 # Slip with T = mu N and with T = -mu N; the other statuses have the numbers of `fivcore.transient.statistics`.
 SLIP_UP, SLIP_DOWN = 2, 3
 # Results of `follow` besides a margin's number: no event; the slip rate is not unique; no step is short enough.
-NOTHING, NOT_UNIQUE, LOST = -1, -2, -3
+NOTHING, NOT_UNIQUE, NO_STEP = -1, -2, -3
 # The method of order 8 of Dormand and Prince, with errors of order 5 and 3 (Hairer, Norsett and Wanner, Solving
 # Ordinary Differential Equations I, 1993, section II.10).
 STAGES, POINTS, SUMS = DOP853.A[:12, :12].copy(), DOP853.C[:12].copy(), DOP853.B.copy()
 ERROR_3, ERROR_5 = DOP853.E3.copy(), DOP853.E5.copy()
 # Relative tolerance of a step, and what counts as zero beside the size of the motion.
-TOLERANCE, ZERO = 1e-13, 1e-14
+STEP_TOLERANCE, ZERO = 1e-13, 1e-14
 # An event is located within this share of a step; shortest step, s.
-LOCATED, SHORTEST = 1e-13, 1e-18
+LOCATED, SHORTEST_STEP = 1e-13, 1e-18
 
 
 @inlined
@@ -178,7 +178,7 @@ def _error(h: float, z: Any, new: Any, stages: Any, zero: Any) -> float:
         a, b = 0.0, 0.0
         for k in range(13):
             a, b = a + ERROR_5[k] * stages[k, j], b + ERROR_3[k] * stages[k, j]
-        size = zero[j] + TOLERANCE * max(abs(z[j]), abs(new[j]))
+        size = zero[j] + STEP_TOLERANCE * max(abs(z[j]), abs(new[j]))
         fifth, third = fifth + (a / size) ** 2, third + (b / size) ** 2
     return h * fifth / max(np.sqrt(fifth + 0.01 * third), 1e-300)
 
@@ -212,10 +212,10 @@ def follow(
     """Follow a contact status, which began at the time `origin`, up to `end` or to its first event.
 
     `motion` (2n + 9,) holds z and time, next step and index of the next reading, and is changed in place. Returns
-    the number of the margin that vanished (`_least`) or `NOTHING`, or `LOST` or `NOT_UNIQUE` with the normal force
-    in place of the next step. Unless it `heeds` events, the status lasts to the end. Statistics and series are
-    read in the middle of the steps of the run: a row of `samples` is velocity of B, slip rate, N and counters, one
-    of `rows` is time, velocity of B, N, T, slip rate and contact state.
+    the number of the margin that vanished (`_least`) or `NOTHING`, or `NO_STEP` or `NOT_UNIQUE` with the normal
+    force in place of the next step. Unless it `heeds` events, the status lasts to the end. Statistics and series
+    are read in the middle of the steps of the run: a row of `samples` is velocity of B, slip rate, N and counters,
+    one of `rows` is time, velocity of B, N, T, slip rate and contact state.
     """
     m = len(motion) - 3
     n, scene, z, mu, contact = (m - 6) // 2, scenes[0], motion[:m], system[8][0], min(which, SLIP)
@@ -247,9 +247,9 @@ def follow(
         if not (error < 1.0 and unique):
             h = taken * (max(0.2, 0.9 * error**-0.125) if error >= 1.0 else 0.2)
             # Shorter and shorter steps lead to the force at which the slip rate is not unique.
-            if h > max(SHORTEST, 1e-15 * t) and values[4] > 0.0:
+            if h > max(SHORTEST_STEP, 1e-15 * t) and values[4] > 0.0:
                 continue
-            event, h = LOST if unique else NOT_UNIQUE, values[0]
+            event, h = NO_STEP if unique else NOT_UNIQUE, values[0]
             break
         grown = taken * min(5.0, 0.9 * max(error, 1e-6) ** -0.125)
         h = max(grown, h) if reaches else grown

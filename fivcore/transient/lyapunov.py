@@ -17,7 +17,7 @@ from fivcore.contact.reduced import reduced_model
 from fivcore.errors import InputError, SceneError
 from fivcore.jit import Array
 from fivcore.rig import Scene
-from fivcore.transient.driver import Job, located
+from fivcore.transient.driver import ObservedRun, located
 from fivcore.transient.fast import layout
 from fivcore.transient.fast.run import SHORT_SEGMENT, FastRun, aligned
 from fivcore.transient.fast.solver import put, take
@@ -27,7 +27,7 @@ from fivcore.transient.options import DURATION, Options, options_of
 from fivcore.transient.simulate import request
 
 # Default step in units of that of `simulate`.
-SHARE = 0.25
+STEP_SHARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -79,9 +79,9 @@ def lyapunov_exponent(
         if given.step is None:
             usual = reduced_model(normalised.rig, normalised.theta, given.cutoff).default_step
             # Asked again, for a run of another step is not continued.
-            _, normalised, checked = request(scene, duration, replace(given, step=SHARE * usual))
-        job = Job(scene, normalised, checked)
-        run, unit = cast(FastRun, job.run), scene.rig.time_unit
+            _, normalised, checked = request(scene, duration, replace(given, step=STEP_SHARE * usual))
+        job = ObservedRun(scene, normalised, checked)
+        run, unit = cast(FastRun, job.run), scene.rig.time_scale
         if not run.model.K.any():
             raise InputError("scene: its contact is rigid; a Lyapunov exponent needs modes beyond those that move")
         model, steps, growths = None, [0], [0.0]

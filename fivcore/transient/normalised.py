@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fivcore.contact.reduced import ReducedModel, full_model
 from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array
-from fivcore.rig import Scene, Structural
+from fivcore.rig import ContactModel, Scene
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Normalised:
     `friction` is in units of the load, too.
     """
 
-    rig: Structural
+    rig: ContactModel
     theta: float
     speed_per_load: float
     mu: float

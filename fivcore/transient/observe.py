@@ -1,7 +1,7 @@
 """Observers of a run: series, spectra, blocks of samples, and standard errors from that run alone.
 
 Samples are kept and evaluated once, at the end, so that no figure depends on the segments in which a run is
-computed: 1.6 MB for a simulated second of a rig, 2.2 MB with what the end needs. From MOST samples on (0.5 GB, 5.6
+computed: 1.6 MB for a simulated second of a rig, 2.2 MB with what the end needs. From MOST_SAMPLES on (0.5 GB, 5.6
 minutes of a rig), every second stretch of LONG_BLOCK samples is dropped, and so on, with a warning. Counters are
 kept of all blocks.
 
@@ -47,21 +47,21 @@ from fivcore.transient.normalised import Normalised
 from fivcore.transient.statistics import SAMPLE, SERIES, SETTLING
 
 # Largest number of samples that are kept.
-MOST = 2**24
+MOST_SAMPLES = 2**24
 # Windows of the spectra, and the band of their peaks, Hz.
 WINDOW, HOP = 1024, 512
-BAND = (200.0, 10e3)
+PEAK_BAND = (200.0, 10e3)
 # Windows of the autocorrelation, whose lags reach up to half of one. Blocks of the spectra are a multiple of them.
 LONG = 16384
 PADDED, LONG_BLOCK = 3 * LONG // 2, 4 * LONG
 # Windows of each kind that are transformed at once: few enough to stay in the cache.
 WINDOWS, LONG_WINDOWS = 64, 4
 # Samples in a block of means, some 2.6 ms.
-BLOCK = 128
+MEANS_BLOCK = 128
 # Rows of the samples that are kept; columns of blocks: start, s; share of stick and of separation; mean N; contact
 # transitions per second.
 TIME, VELOCITY, SLIP_RATE, NORMAL_FORCE = range(4)
-START, STICK, SEPARATION, FORCE, TRANSITIONS = range(5)
+START, STICK_SHARE, OPEN_SHARE, FORCE, TRANSITIONS = range(5)
 # Quantiles are those of at most this largest share of the samples.
 UPPER = 0.002
 # Share of a normal distribution within two standard deviations.
@@ -155,7 +155,7 @@ class Spectrum:
         return float(self.frequency[top] + offset * self.frequency[1])
 
 
-def welch(parts: Iterable[Array], rate: float, band: tuple[float, float] = BAND) -> Spectrum:
+def welch(parts: Iterable[Array], rate: float, band: tuple[float, float] = PEAK_BAND) -> Spectrum:
     """Power spectrum of parts of a signal; one shorter than a window counts from an eighth of it on."""
     power = np.zeros(WINDOW // 2 + 1)
     for part in parts:
@@ -172,7 +172,7 @@ class Correlation:
     """
 
     def __init__(
-        self, parts: Iterable[Array], rate: float, band: tuple[float, float] = BAND, still: int = 0
+        self, parts: Iterable[Array], rate: float, band: tuple[float, float] = PEAK_BAND, still: int = 0
     ) -> None:
         pieces = []
         for part in parts:
@@ -209,14 +209,14 @@ class Observer:
 
     Peaks of spectra are sought within the `band`, Hz. While the run goes on, `blocks`, `shares` and `spread` tell
     of what has been added; all else is for its end, and spectra are divided by the long `sticks` (k, 2), begin and
-    end, s. Stretches of LONG_BLOCK samples are counted from the start of the run, blocks of BLOCK samples from
-    that of the statistics.
+    end, s. Stretches of LONG_BLOCK samples are counted from the start of the run, blocks of MEANS_BLOCK samples
+    from that of the statistics.
     """
 
-    def __init__(self, rate: float, count: int, band: tuple[float, float] = BAND) -> None:
+    def __init__(self, rate: float, count: int, band: tuple[float, float] = PEAK_BAND) -> None:
         self.rate, self.band, self.sticks = rate, band, np.empty((0, 2))
         # Memory is in use only where something has been written.
-        self._room = np.empty((4, max(min(count, MOST), 2 * LONG_BLOCK)))
+        self._room = np.empty((4, max(min(count, MOST_SAMPLES), 2 * LONG_BLOCK)))
         self._origin = self._settled_from = np.nan
         # How many samples were filled in at the end, and how many of them are not kept; the last one that is.
         self.repeated, self._filled, self._sample = 0, 0, np.zeros(4)
@@ -236,7 +236,7 @@ class Observer:
             return
         self._origin = self._origin if self._origin <= t[0] else float(t[0])
         first = int(np.searchsorted(t, settled_from))
-        begun = slice(first + -self._seen % BLOCK, None, BLOCK)
+        begun = slice(first + -self._seen % MEANS_BLOCK, None, MEANS_BLOCK)
         self._starts.append(np.column_stack([t[begun], samples[begun, 3:]]))
         self._seen += len(t) - first
         self._keep(t[first:], samples[first:])
@@ -245,7 +245,8 @@ class Observer:
         t, samples = self._thinned(t, samples)
         while self._count + len(t) > self._room.shape[1]:
             if self._every == 1:
-                what = f"statistics last longer than {MOST / self.rate:.3g} s, {MOST} samples: spectra, RMS and"
+                longest = f"{MOST_SAMPLES / self.rate:.3g} s, {MOST_SAMPLES} samples"
+                what = f"statistics last longer than {longest}: spectra, RMS and"
                 warn(f"{what} quantiles are those of evenly spaced parts of the run", ThinnedWarning, stacklevel=2)
             self._every *= 2
             t, samples = self._thinned(t, samples)
@@ -336,7 +337,7 @@ class Observer:
     def _largest(self, row: int) -> Array:
         """The largest magnitudes of a row that quantiles need, largest first, between infinities."""
         values, count = np.abs(self.kept[row]), min(self._count, int(UPPER * (self._count + self._filled)) + 2)
-        peaks = np.sort(np.maximum.reduceat(values, np.arange(0, len(values), BLOCK)))
+        peaks = np.sort(np.maximum.reduceat(values, np.arange(0, len(values), MEANS_BLOCK)))
         # As many are at least so large: those that are missing above it are equal to it.
         level = peaks[-count] if 0 < count <= len(peaks) else -1.0
         above = -np.sort(-values[values > level])[:count]
@@ -361,9 +362,9 @@ class Observer:
     # Blocks.
 
     def by_block(self, row: int) -> Array:
-        """The samples of all complete blocks, (n, BLOCK); the next sample completes one."""
-        count = max(self._count - 1, 0) // BLOCK
-        return self.kept[row, : count * BLOCK].reshape(count, BLOCK)
+        """The samples of all complete blocks, (n, MEANS_BLOCK); the next sample completes one."""
+        count = max(self._count - 1, 0) // MEANS_BLOCK
+        return self.kept[row, : count * MEANS_BLOCK].reshape(count, MEANS_BLOCK)
 
     @property
     def blocks(self) -> Array:
@@ -375,21 +376,21 @@ class Observer:
 
     def shares(self) -> Array:
         """Shares of stick, slip and separation of each block, (n, 3)."""
-        stick, separation = self.blocks[:, [STICK, SEPARATION]].T
+        stick, separation = self.blocks[:, [STICK_SHARE, OPEN_SHARE]].T
         return np.stack([stick, 1.0 - stick - separation, separation], axis=1)
 
     def spread(self, start: float) -> float:
         """Half the range of the slip rate since `start`, s; infinite where the contact did not always slip."""
         blocks = self.blocks
         begun = self._starts[0][:, START]
-        if blocks[blocks[:, START] >= start][:, [STICK, SEPARATION]].any():
+        if blocks[blocks[:, START] >= start][:, [STICK_SHARE, OPEN_SHARE]].any():
             return float("inf")
         t, late = self.kept[TIME], begun[begun >= start]
         late = self.kept[SLIP_RATE, np.searchsorted(t, late[0]) :] if len(late) else late
         return 0.5 * float(np.ptp(late)) if len(late) else float("nan")
 
 
-def observed(signal: Array, rate: float, quiet: Array, band: tuple[float, float] = BAND) -> Observer:
+def observed(signal: Array, rate: float, quiet: Array, band: tuple[float, float] = PEAK_BAND) -> Observer:
     """Observe one signal (n,) at `rate`, Hz, in place of a velocity of B.
 
     `quiet` (k, 2), s from its start, are spells in place of long sticks. All of the observer that is not of the

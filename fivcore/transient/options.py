@@ -13,7 +13,7 @@ from fivcore.contact.reduced import INTERVAL, Modify, ReducedModel, modified, re
 from fivcore.errors import InputError
 from fivcore.jit import Array
 from fivcore.rig import Rig, Scene
-from fivcore.structure import structure_of
+from fivcore.structure import modal_structure
 from fivcore.transient.normalised import Normalised, State, loading_time
 from fivcore.transient.statistics import SERIES, SETTLING, STICK, Segment, begin
 
@@ -28,7 +28,7 @@ BOUNDS = {
 }
 DURATION = (1e-9, 1e6, "s")
 # Default rate of series, Hz, in units of a structure's time, and default ramp, s.
-RATE, RAMP = 100e3, 1e-3
+DEFAULT_RATE, DEFAULT_RAMP = 100e3, 1e-3
 # Shortest long stick, in loading times.
 LONG_STICK = 0.2
 # Options that a method does not use.
@@ -78,9 +78,9 @@ class Options:
     Parameters
     ----------
     method : {"fast", "exact", "paper"}
-        Symmetric steps of second order of the reduced model; the same model driven from event to event, some
-        600 times slower for the paper's rig, and more where friction falls with the speed; the published
-        scheme (Newmark with the friction law of Prakash and Clifton) on all modes.
+        Symmetric steps of second order of the reduced model; the same model integrated from event to event, some
+        500 times slower for the paper's rig; the published scheme (Newmark with the friction law of Prakash and
+        Clifton) on all modes.
     numerical_damping : {"published", "none"}, optional
         "published": with the stiffness damping that the published scheme adds of its own, (beta2 - 1/2) times its
         step of 2e-8 s, of a structure its default step: "fast" and "exact" add it to the rig's d2. "none": the
@@ -218,10 +218,10 @@ class RunOptions(Options):
 
     duration: float
     numerical_damping: str = "none"
-    ramp: float = RAMP
+    ramp: float = DEFAULT_RAMP
     initial: State | None = None
     record: tuple[str, ...] = ()
-    sample_rate: float | None = RATE
+    sample_rate: float | None = DEFAULT_RATE
     sample_times: Array | None = None
     until: Until | None = None
     # The run that goes on, where `initial` is its end, and its last row.
@@ -239,9 +239,9 @@ class RunOptions(Options):
     def record_of(self, scene: Normalised, fields: Any, record: Any = None, time: float = 0.0) -> Any:
         """A method's record (1,), by default a new one, with the counters at the start of a run at `time`, s."""
         # A stick between two samples interrupts no vibration.
-        least = max(LONG_STICK * loading_time(scene), INTERVAL * scene.rig.time_unit)
+        least = max(LONG_STICK * loading_time(scene), INTERVAL * scene.rig.time_scale)
         least = least if self.min_stick is None else self.min_stick
-        settling = SETTLING * scene.rig.time_unit
+        settling = SETTLING * scene.rig.time_scale
         record = np.zeros(1, fields) if record is None else record
         contact = int(record["contact"][0]) if self.resumed is not None else self.contact
         return begin(record, self.settle, settling, least, contact, time)
@@ -294,7 +294,7 @@ class Run(Protocol):
     def advance(self) -> None:
         """Go on to the end of the next segment and leave in `segments` what happened there."""
 
-    def again(self, options: RunOptions) -> Run:
+    def resumed(self, options: RunOptions) -> Run:
         """Return a run that continues this one after its end."""
 
     def stored_energy(self) -> float:
@@ -312,11 +312,11 @@ def run_options(scene: Scene, normalised: Normalised, duration: Any, options: Op
     until = duration if isinstance(duration, Until) else None
     duration = checks.between("duration", until.most if until else duration, *DURATION)
     rate, times = options.sample_rate, options.sample_times
-    rate = RATE / scene.rig.time_unit if isinstance(rate, str) else rate
+    rate = DEFAULT_RATE / scene.rig.time_scale if isinstance(rate, str) else rate
     if options.record and times is None and rate is not None and duration * rate > 1e8:
         raise InputError(f"sample_rate = {rate:g}: over this duration it must be at most {1e8 / duration:g} Hz")
     checks.between("V / F", normalised.speed_per_load, 1e-12, 1e8, "m/s per N")
-    ramp, start = RAMP if options.ramp is None else options.ramp, 0.0
+    ramp, start = DEFAULT_RAMP if options.ramp is None else options.ramp, 0.0
     values = vars(options) | options.law
     values |= {"duration": duration, "until": until, "sample_rate": rate, "ramp": ramp}
     if isinstance(initial := options.initial, State):
@@ -390,7 +390,7 @@ def seen(scene: Normalised) -> Any:
 def _state(given: State, scene: Scene, normalised: Normalised) -> State:
     """The given state, normalised."""
     q, v, contact = np.asarray(given.displacement), np.asarray(given.velocity), given.contact
-    band = structure_of(scene.rig, scene.theta)
+    band = modal_structure(scene.rig, scene.theta)
     own, fewer = band.motion, len(band.frequency)
     modes = len(own.frequency)
     for name, part in (("displacements", q), ("velocities", v)):

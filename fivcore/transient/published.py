@@ -28,19 +28,19 @@ from fivcore.contact.step_map import at_most
 from fivcore.errors import SceneValueError, not_unique
 from fivcore.friction import slip_speed
 from fivcore.jit import Array, inlined, kernel
-from fivcore.rig import Rig, Structural
-from fivcore.structure import structure_of
+from fivcore.rig import ContactModel, Rig
+from fivcore.structure import modal_structure
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter, first_counted
 from fivcore.transient.stepped import SteppedRun
 
 # Section 3.3 of the paper: time step, beta2 and the relaxation time of the friction law.
-STEP, BETA2, TAU = 2e-8, 0.8, 1e-7
+PAPER_STEP, BETA2, TAU = 2e-8, 0.8, 1e-7
 # The paper's step in units of 1 / omega of the highest mode of both beams.
-SHARE = 0.2
+PERIOD_SHARE = 0.2
 # The scheme's own addition to d2, s.
-ADDED_DAMPING = (BETA2 - 0.5) * STEP
+ADDED_DAMPING = (BETA2 - 0.5) * PAPER_STEP
 # Length of a segment, s.
 SEGMENT = 0.02
 # The modal damping is sampled every so many steps for the energy balance.
@@ -59,29 +59,29 @@ SCENE = np.dtype([
 ])  # fmt: skip
 
 
-def with_numerical_damping(rig: Structural, method: str, numerical_damping: str) -> Structural:
+def with_numerical_damping(rig: ContactModel, method: str, numerical_damping: str) -> ContactModel:
     """Return the rig of a method's model: "fast" and "exact" add the numerical damping to d2."""
     if method == "paper" or numerical_damping == "none":
         return rig
     if isinstance(rig, Rig):
         return replace(rig, d2=rig.d2 + ADDED_DAMPING)
-    return structure_of(rig, 0.0).stiffly_damped((BETA2 - 0.5) * default_step(rig))
+    return modal_structure(rig, 0.0).with_stiffness_damping((BETA2 - 0.5) * paper_step(rig))
 
 
-def default_step(rig: Structural) -> float:
+def paper_step(rig: ContactModel) -> float:
     """The paper's step, s; of a structure, the same share of the period of its highest mode."""
-    return (
-        STEP if isinstance(rig, Rig) else SHARE / float(2.0 * np.pi * structure_of(rig, 0.0).motion.frequency[-1])
-    )
+    if isinstance(rig, Rig):
+        return PAPER_STEP
+    return PERIOD_SHARE / float(2.0 * np.pi * modal_structure(rig, 0.0).motion.frequency[-1])
 
 
-def relaxation_time(rig: Structural, step: float) -> float:
+def relaxation_time(rig: ContactModel, step: float) -> float:
     """Time in which T relaxes, s: the paper's; of a structure, as many steps, so that it goes to zero with them.
 
     After an impact with the normal impulse P in one step, T is r / (1 + r)^k mu P / dt in the steps k = 1, 2, ...:
     while the contact lasts and slips, their sum is mu P, the tangential impulse of `fivcore.contact.law`.
     """
-    return TAU if isinstance(rig, Rig) else TAU / STEP * step
+    return TAU if isinstance(rig, Rig) else TAU / PAPER_STEP * step
 
 
 def largest_step(stiffness: Array, damping: Array, beta2: float) -> float:
@@ -100,9 +100,9 @@ class PaperRun(SteppedRun):
     """One run in progress."""
 
     def __init__(self, scene: Normalised, options: RunOptions) -> None:
-        rig = scene.rig if isinstance(scene.rig, Rig) else structure_of(scene.rig, 0.0).truncated()
+        rig = scene.rig if isinstance(scene.rig, Rig) else modal_structure(scene.rig, 0.0).truncated()
         self.model = model = full_model(rig, scene.theta)
-        dt = default_step(scene.rig) if options.step is None else options.step
+        dt = paper_step(scene.rig) if options.step is None else options.step
         self._b = b = BETA2 if options.beta2 is None else options.beta2
         limit = largest_step(model.stiffness, model.damping, b)
         if dt > limit:
@@ -111,13 +111,13 @@ class PaperRun(SteppedRun):
                 " its fastest mode grows"
             )
         tau = relaxation_time(scene.rig, dt)
-        painleve = painleve_mu(model, dt, b, tau)
+        painleve = painleve_limit(model, dt, b, tau)
         if scene.mu >= painleve:
             raise not_unique(scene.mu, painleve)
         initial, speed = options.initial, scene.speed_per_load
         starts = initial is None or not initial.running
         ramp = options.ramp if starts else 0.0
-        super().__init__(scene, options, dt, round(SEGMENT * rig.time_unit / dt), SCENE)
+        super().__init__(scene, options, dt, round(SEGMENT * rig.time_scale / dt), SCENE)
         self._inverse = 1.0 / (1.0 + b * dt * model.damping)
         record = self.record
         record["dt"], record["b"], record["r"], record["mu"] = dt, b, dt / tau, scene.mu
@@ -206,7 +206,7 @@ def contact_closing(model: ReducedModel, step: float, beta2: float) -> tuple[flo
     return scale * float(n @ (n * inverse)), scale * float(n @ (t * inverse)), scale * float(t @ (t * inverse))
 
 
-def painleve_mu(model: ReducedModel, step: float, beta2: float, tau: float = TAU) -> float:
+def painleve_limit(model: ReducedModel, step: float, beta2: float, tau: float = TAU) -> float:
     """Painleve limit: smallest mu at which a divisor of slip, W_NN +- mu W_NT r / (1 + r), is zero."""
     (W_NN, W_NT, _), r = contact_closing(model, step, beta2), step / tau
     return ratio(W_NN * (1.0 + r) / r, W_NT)
@@ -273,7 +273,7 @@ def advance(
     workspace for q_free, each (n,). Rows of `samples` and `rows` are as in `fivcore.transient.statistics.Segment`.
     """
     scene = scenes[0]
-    k, c, inverse, normal, tangential, point_b = modes
+    k, c, inverse, normal, tangential, output = modes
     dt, b, V, ramp = scene.dt, scene.b, scene.speed, scene.ramp
     n = q.shape[0]
     while scene.now < last:
@@ -300,7 +300,7 @@ def advance(
         if sampled or written:
             x = 0.0
             for j in range(n):
-                x += point_b[j] * (vs[j] + b * dt * (a[j] + (normal[j] * N + tangential[j] * T) * inverse[j]))
+                x += output[j] * (vs[j] + b * dt * (a[j] + (normal[j] * N + tangential[j] * T) * inverse[j]))
             if sampled:
                 samples[scene.samples] = (
                     x, slip_rate, N, scene.stick_time, scene.separation_time, scene.sum_N, scene.switches

@@ -23,8 +23,8 @@ from fivcore.errors import (
     out_of_band,
 )
 from fivcore.jit import Array
-from fivcore.rig import Rig, Scene, Structural, checked_theta
-from fivcore.structure import REACH, Structure
+from fivcore.rig import ContactModel, Rig, Scene, checked_theta
+from fivcore.structure import GROWTH_REACH, Structure
 from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
 from fivcore.transient.fast.steady import sliding_growth
@@ -129,7 +129,7 @@ def simulate_many(
 
 
 def request(scene: Scene, duration: Any, options: Options) -> tuple[Scene, Normalised, RunOptions]:
-    """Check a scene, a duration and options, and return what `driver.Job` needs."""
+    """Check a scene, a duration and options, and return what `driver.ObservedRun` needs."""
     checks.instance("scene", scene, Scene)
     normalised = Normalised.of(scene)
     checked = run_options(scene, normalised, duration, options)
@@ -150,7 +150,7 @@ def _reaching(scene: Normalised, own: Structure) -> Structure:
     except ContactError:
         # The method says where and why the contact force is not unique.
         return own
-    return own.reaching if len(found) and found[-1] > REACH * own.cutoff else own
+    return own.reaching if len(found) and found[-1] > GROWTH_REACH * own.cutoff else own
 
 
 def growing_frequencies(
@@ -183,7 +183,7 @@ def growing_frequencies(
 
 
 def painleve_mu(
-    rig: Structural,
+    rig: ContactModel,
     theta: Any,
     method: str | None = None,
     *,
@@ -217,8 +217,8 @@ def painleve_mu(
     method, step, law = given.method, given.step, given.law
     rig = published.with_numerical_damping(rig, method, law["numerical_damping"])
     if method == "paper":
-        step, beta2 = step or published.default_step(rig), law["beta2"] or published.BETA2
-        return published.painleve_mu(full_model(rig, theta), step, beta2, published.relaxation_time(rig, step))
+        step, beta2 = step or published.paper_step(rig), law["beta2"] or published.BETA2
+        return published.painleve_limit(full_model(rig, theta), step, beta2, published.relaxation_time(rig, step))
     if method == "exact" and step is not None:
         raise InputError(f"step = {step:g}: method 'exact' does not use it here; leave it out")
     model = modified(reduced_model(rig, theta, given.cutoff), given.modify)

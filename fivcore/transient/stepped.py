@@ -37,7 +37,7 @@ class SteppedRun:
     _take: Any
     stored_energy: Any
 
-    def again(self, options: RunOptions) -> Any:
+    def resumed(self, options: RunOptions) -> Any:
         """Return a run that continues this one after its end."""
         run = duplicate(self)
         run.options, run.begun = options, run.time
@@ -54,7 +54,7 @@ class SteppedRun:
         # The run goes no further than to step `pause`, which may move.
         self.pause = self.steps = max(round(options.duration / step), 1)
         self._length = max(int(length), 1)
-        every = max(round(INTERVAL * scene.rig.time_unit / step), 1)
+        every = max(round(INTERVAL * scene.rig.time_scale / step), 1)
         self.rate = 1.0 / (every * step)
         self.segments: Iterable[Segment] = []
         self.growing: Array = np.zeros(0)

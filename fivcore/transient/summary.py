@@ -6,7 +6,7 @@ import numpy as np
 
 from fivcore.contact.reduced import default_cutoff
 from fivcore.jit import Array
-from fivcore.rig import Rig, Structural
+from fivcore.rig import ContactModel, Rig
 from fivcore.structure import Structure
 from fivcore.transient.normalised import displacement, loading_time, reference_energy, slip_distance
 from fivcore.transient.observe import NORMAL_FORCE, SLIP_RATE, Observer, degrees_of_freedom, standard_errors
@@ -96,7 +96,7 @@ def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
         # The decay at the start of the statistics has a largest peak, but nothing vibrates any more.
         dominant = periodicity = float("nan")
     lengths = sticks[:, 1] - sticks[:, 0]
-    unit = scene.rig.time_unit
+    unit = scene.rig.time_scale
     degrees = degrees_of_freedom((end - start) / unit, loading_time(scene) / unit)
     decided = not (regime in ("undecided", "stuck", "steady sliding") or observer.repeated)
     errors = standard_errors(observer, degrees if decided else 0, lengths)
@@ -157,7 +157,7 @@ CUTOFF_ERROR, UNSTEADY = 0.0085, 0.65
 OWN_CUTOFF_ERROR = 0.012
 
 
-def highest(rig: Structural) -> tuple[float, str]:
+def highest(rig: ContactModel) -> tuple[float, str]:
     """Default cut-off, Hz, and where it comes from."""
     if not isinstance(rig, Structure) or rig.cutoff:
         return default_cutoff(rig), "default"

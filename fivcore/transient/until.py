@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fivcore.transient.fast.layout import MAX_SKIP
-from fivcore.transient.fast.steady import NEAR
+from fivcore.transient.fast.steady import NEARLY_STEADY
 from fivcore.transient.normalised import loading_time
 from fivcore.transient.observe import LOADING_TIMES, Observer, degrees_of_freedom, errors_of_means
 from fivcore.transient.options import Run, Until
@@ -51,11 +51,11 @@ class StoppingRule:
         run = self._run
         if np.isnan(run.record["first_slip"][0]):
             return bool(run.time - run.begun >= self._stuck)
-        unit = run.scene.rig.time_unit
+        unit = run.scene.rig.time_scale
         observed = run.time - float(run.record["settled_from"][0])
         errors = errors_of_means(observer.shares(), degrees_of_freedom(observed / unit, self._loading_time / unit))
         if errors.any():
             return bool(np.all(errors <= self._until.standard_error))
         # Nothing but slip: where a proof that it lasts can still come, a vibration may grow slowly.
         spread = observer.spread(run.begun + 0.75 * (run.time - run.begun)) / run.scene.speed_per_load
-        return bool(spread < (NEAR if run.may_settle else STEADY_SPREAD))
+        return bool(spread < (NEARLY_STEADY if run.may_settle else STEADY_SPREAD))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from fivcore import Rig, Scene
 from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, modified, reduced_model
 from fivcore.contact.step_map import largest_stable_step, stable
-from fivcore.transient.published import STEP
+from fivcore.transient.published import PAPER_STEP
 from studies import paper
 from studies.accuracy.ablation import truncated, with_dashpot, without_cross_terms
 from studies.accuracy.rigs import drawn_scene
@@ -75,7 +75,7 @@ SETTINGS = {
     CONVERGED: _fast("converged", _converged),
     PUBLISHED: Setting("published damping", partial(_fixed, numerical_damping="published"), {FAST: FIVE}),
     MODEL: Setting(
-        "no numerical damping", partial(_fixed, numerical_damping="none", step=0.5 * STEP), {PAPER: TWO}
+        "no numerical damping", partial(_fixed, numerical_damping="none", step=0.5 * PAPER_STEP), {PAPER: TWO}
     ),
     **{f"step {x:g}": _fast("step", _step, factor=x) for x in (0.25, 0.5, 0.98)},
     **{f"cut-off {x:g}": _fast("cut-off", _cutoff, factor=x) for x in (0.4, 0.64, 0.8, 1.4, 2.0)},

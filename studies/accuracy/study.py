@@ -15,7 +15,7 @@ from filelock import FileLock
 from numpy.typing import NDArray
 
 from fivcore import Rig, Scene, checks, simulate_many
-from fivcore.transient.published import STEP
+from fivcore.transient.published import PAPER_STEP
 from studies.accuracy.errors import with_errors
 from studies.accuracy.presentation import figure, summary
 from studies.accuracy.settings import EXACT, FAST, GIVEN, METHODS, PAPER, SCENES, SETTINGS, model_of, scene_of
@@ -77,7 +77,7 @@ def measure(
     model = model_of(method, scene, options)
     values: dict[str, Any] = {"modes": len(model.stiffness)}
     if method != EXACT:
-        values["step"] = options.get("step", STEP if method == PAPER else model.default_step)
+        values["step"] = options.get("step", PAPER_STEP if method == PAPER else model.default_step)
     ramps = [ramp * (1.0 + ensemble.STRETCH * k) for k in range(members if method == FAST else members_expensive)]
     simulate_many([scene], duration if method == FAST else WARMING, method, ramp=ramps[0], **options)
     start = time.thread_time()  # of this thread alone

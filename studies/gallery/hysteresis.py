@@ -64,7 +64,7 @@ def follow(
 
 def loop(chain: Sequence[Scene], number: float, hold: float, knock: float, run: dict[str, Any]) -> Any:
     """Outputs of one realisation, or the error of the first scene that has none."""
-    sense, settling = np.sign(chain[0].V), runs.SETTLING * chain[0].rig.time_unit
+    sense, settling = np.sign(chain[0].V), runs.SETTLING * chain[0].rig.time_scale
     chain = [scene if scene.V > 0.0 else scene.mirrored() for scene in chain]
     values: dict[str, Any] = {
         name: np.full((len(chain), 2), np.nan) for name in ("regime", *KEPT, "mapping_error")
@@ -110,7 +110,7 @@ def loop(chain: Sequence[Scene], number: float, hold: float, knock: float, run: 
 def tail(job: Job, motion: Transient) -> Job:
     """The run that goes on with a motion and records the velocity of B."""
     options = {**job.options, "initial": motion.final_state, "settle": None, "record": ("velocity_B",)}
-    return Job(job.scene, WINDOW * job.scene.rig.time_unit, options)
+    return Job(job.scene, WINDOW * job.scene.rig.time_scale, options)
 
 
 def mapped(state: State | None, before: Scene, after: Scene) -> tuple[State, float]:

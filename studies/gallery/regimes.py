@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fivcore import Scene, Transient
 from fivcore.contact.reduced import reduced_model
 from fivcore.stability.falling import sliding_point
-from fivcore.structure import structure_of
+from fivcore.structure import modal_structure
 from fivcore.transient.fast.steady import eigenvalues
 from fivcore.transient.published import with_numerical_damping
 from studies import labels, paper, summary
@@ -93,7 +93,7 @@ def linear_stability(scene: Scene, cutoff: float | None, numerical_damping: str)
     friction, found = scene.friction, np.empty(0, dtype=complex)
     # In rigid contact only rounding holds the gap of a lasting contact: there is no such map.
     if model.K.any():
-        kinetic, fall = sliding_point(structure_of(rig, theta), friction, mu, abs(scene.V), scene.F)
+        kinetic, fall = sliding_point(modal_structure(rig, theta), friction, mu, abs(scene.V), scene.F)
         found = eigenvalues(model, kinetic, model.default_step, fall)
     model_rate = model_frequency = np.nan
     if len(found):

@@ -20,6 +20,8 @@ KINDS = ("start_up", "sustained")
 LAWS = ("start_up", "sustained", "sustained_slow", "sustained_0.5_to_4_mm/s")
 SLOW, SPAN = 1.0 / 3.0, (0.5e-3, 4e-3)
 SAMPLES, COVERAGE, SEED = 2000, 0.95, 2010
+# Fewest runs with sticks, if there are as many runs: one or two of many show no scatter.
+FEWEST = 3
 ENDS = {"": "", "_low": "lower end of the 95 % interval: ", "_high": "upper end of the 95 % interval: "}
 # Dimensions beyond mu and F, units and meaning of the derived variables; the first INTERVALS have an interval.
 DERIVED: dict[str, tuple[tuple[str, ...], str, str]] = {
@@ -81,13 +83,14 @@ def _fit(at: xr.Dataset) -> dict[str, Any]:
 
 
 def bootstrap(time: Any, count: Any) -> tuple[Any, Any]:
-    """Mean stick time at each speed, and samples of it, from totals of runs, (speeds, runs)."""
+    """Mean stick time at each speed, and samples of it, from totals of runs, (speeds, runs); NaN of too few."""
     speeds, members = time.shape
     chosen = np.random.default_rng(SEED).integers(members, size=(SAMPLES, speeds, members))
-    row = np.arange(speeds)[None, :, None]
+    row, few = np.arange(speeds)[None, :, None], np.count_nonzero(count, axis=1) < min(FEWEST, members)
     with np.errstate(invalid="ignore", divide="ignore"):
         samples = time[row, chosen].sum(axis=2) / count[row, chosen].sum(axis=2)
-        return time.sum(axis=1) / count.sum(axis=1), samples
+        mean = time.sum(axis=1) / count.sum(axis=1)
+    return np.where(few, np.nan, mean), np.where(few, np.nan, samples)
 
 
 def exponent(V: Any, mean: Any, samples: Any, chosen: Any) -> Any:

@@ -12,7 +12,7 @@ from fivcore import Scene, State, checks, sliding_modes
 from fivcore.errors import InputError, SceneError
 from fivcore.stability.exponents import sliding_shape
 from fivcore.stability.falling import wedging
-from fivcore.structure import Structure, structure_of
+from fivcore.structure import Structure, modal_structure
 from studies.motion import run as runs
 from studies.motion.jobs import balanced, run_all
 from studies.parameters import RUN, Parameter
@@ -40,7 +40,7 @@ SETTINGS = {
 
 def equilibrium(scene: Scene, about: str = "sliding") -> Array:
     """Modal displacements of steady sliding (T = mu(V) N), or of rest under the load (T = 0), with V > 0."""
-    own = structure_of(scene.rig, scene.theta).motion
+    own = modal_structure(scene.rig, scene.theta).motion
     mu = scene.mu * scene.friction.ratio(scene.V) if about == "sliding" else 0.0
     held, rigid = 1.0 + wedging(own) * mu, own.stiffness == 0.0
     if not held > 0.0:
@@ -60,7 +60,7 @@ def directions(scene: Scene, names: Sequence[str], mode: int = 0, second_mode: i
     is the least stable. Their shapes leave the contact closed. A knock acts on P1 alone, of a structure from
     matrices on the bodies that are loaded, of one from modes on both sides of the contact.
     """
-    own = structure_of(scene.rig, scene.theta).motion
+    own = modal_structure(scene.rig, scene.theta).motion
     made = np.zeros((len(names), 2, len(own.stiffness)))
     for k, name in enumerate(names):
         if name == "knock":
@@ -98,7 +98,7 @@ def _mode(scene: Scene, own: Structure, number: int, name: str) -> tuple[complex
 
 def labels_of(scene: Scene, states: Sequence[State], options: Mapping[str, Any]) -> NDArray[np.int8]:
     """The regime to which each state leads, an index in `run.REGIMES`; `options` are those of SETTINGS."""
-    duration = options["duration"] or DURATION * scene.rig.time_unit
+    duration = options["duration"] or DURATION * scene.rig.time_scale
     how = {"ramp": RUN["ramp"].default, "skip_long_sticks": 1, "settle": 0.5 * duration, **options}
     jobs = [runs.job(scene, duration, how, step=options["step"], initial=state) for state in states]
     labels = np.empty(len(jobs), dtype=np.int8)

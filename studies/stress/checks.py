@@ -90,7 +90,7 @@ class RunSpec:
     @property
     def step(self) -> float:
         """The method's time step, s; of "exact" the grid of its statistics."""
-        default = {"paper": published.STEP, "exact": exact.STEP, "fast": self.model.default_step}
+        default = {"paper": published.PAPER_STEP, "exact": exact.READING_STEP, "fast": self.model.default_step}
         return float(self.arguments.get("step", default[self.method]))
 
     @property
@@ -129,7 +129,7 @@ def spec_of(case: Case, method: str) -> tuple[RunSpec, float]:
         distance = slip_distance(Normalised.of(spec.scene)) * arguments["F"]
         spec = spec.changed(V=distance / (case.slips_at - 0.5 * arguments["ramp"]))
     value = case.share * LIMITS[case.edge](spec) if case.edge else np.nan
-    value = np.nan if case.edge == "fitting step" and not value < published.STEP else value
+    value = np.nan if case.edge == "fitting step" and not value < published.PAPER_STEP else value
     assert np.isfinite(value) or case.edge in ("", "fitting step"), f"no limit of {case.edge} is known"
     return spec if np.isnan(value) else spec.changed(**{case.edge: value}), value
 

@@ -9,8 +9,7 @@ import pytest
 from fivcore import Rig, Scene, State, simulate, sliding_modes
 from fivcore.contact.reduced import default_cutoff, full_model, reduced_model
 from fivcore.contact.step_map import step_map
-from fivcore.transient.fast import layout, steady
-from fivcore.transient.fast import run as fast
+from fivcore.transient.fast import ending, layout, steady
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.fast.solver import take
 from fivcore.transient.fast.steady import NORMAL, PENETRATION, SLIP_RATE, VELOCITY, steady_sliding
@@ -120,10 +119,10 @@ def test_a_growing_mode_is_seen_however_small_it_is(mu, monkeypatch):
         sliding = steady_sliding(run.model, run.scene.mu, run.step)
         q, v, (run.record["u_N"], run.record["u_T"]) = sliding.start(run.scene.speed_per_load)
         v[1] += 1e-12 * run.scene.speed_per_load
-        run._place(q, v)
+        run.place(q, v)
 
     monkeypatch.setattr(FastRun, "_start", placed)
-    monkeypatch.setattr(fast, "steady_sliding", lambda *given: asked.append(given) or steady_sliding(*given))
+    monkeypatch.setattr(ending, "steady_sliding", lambda *given: asked.append(given) or steady_sliding(*given))
     nothing = np.zeros(len(full_model(Rig(), 5.0).stiffness))
     given = {"initial": State(nothing, nothing, SLIP), "ramp": 0.0, "cutoff": FEW, "record": True}
     full, free = both(Scene(5e-3, 5.0, mu, 9.0), 3.5, **given)
@@ -146,7 +145,7 @@ def run_in_slip(scene, cutoff=None):
 def recorded_from(run, x, sliding, speed, last):
     """N, slip rate, velocity of B and contact state of the steps from 80 to `last`, from a state in slip."""
     size, rows = len(run.model.normal), [np.empty((0, 6))]
-    run._place(x[:size], x[size:-1])
+    run.place(x[:size], x[size:-1])
     run.record["contact"] = SLIP
     run.record["u_N"], run.record["u_T"], run.record["anchor"] = sliding.readings(speed)[PENETRATION], x[-1], 0.0
     run.record["now"], run.pause, run.steps = 80, last, last
@@ -190,7 +189,7 @@ def test_the_kernels_step_in_slip_is_the_map(scene, cutoff):
 def test_what_the_bound_allows_never_ends_slip(V, monkeypatch):
     """The largest deviation of a kind for which the proof holds; slow scenes end by sticking, fast ones by N."""
     run, sliding, speed = run_in_slip(replace(STABLE, V=V))
-    monkeypatch.setattr(steady, "TOLERANCE", np.inf)
+    monkeypatch.setattr(steady, "STEADY_TOLERANCE", np.inf)
     size, kind = len(run.model.normal), np.random.default_rng(0).standard_normal(len(sliding.state))
     kind[:size] /= 1e4
     kind[-1] = 0.0

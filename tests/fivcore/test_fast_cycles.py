@@ -34,7 +34,7 @@ def belt(V):
 
 def looked_at(scene, duration):
     """Regime and frequency by the series of a run after its settling, and its summary."""
-    unit = scene.rig.time_unit
+    unit = scene.rig.time_scale
     run = simulate(scene, duration * unit, record=("velocity_B", "slip_velocity", "state"), sample_rate=None)
     start = run.summary["first_slip_time"] + 0.1 * unit
     if np.isnan(start):

@@ -19,8 +19,8 @@ from fivcore import (
     sliding_modes,
 )
 from fivcore.contact.reduced import CONTACT_STEP, reduced_model
-from fivcore.structure import FURTHER_MODES, MOTION_MODES, REACH, SLENDER
-from fivcore.transient.published import SHARE, default_step
+from fivcore.structure import FURTHER_MODES, GROWTH_REACH, MOTION_MODES, SLENDER
+from fivcore.transient.published import PERIOD_SHARE, paper_step
 from tests.benchmarks.constants import by_modes, vibrating
 from tests.helpers import meshes
 from tests.helpers.structures import beams
@@ -30,7 +30,7 @@ GIVEN = [{}, {"fmax": 10e3}, {"fmax": 20e3}, {"fmax": 100e3}]
 
 def sparsely(monkeypatch):
     for module in ("structure", "finite_elements"):
-        monkeypatch.setattr(f"fivcore.{module}.DENSE", 10)
+        monkeypatch.setattr(f"fivcore.{module}.DENSE_SIZE", 10)
     return sparse.csc_array
 
 
@@ -91,7 +91,7 @@ def test_a_structure_with_modes_of_motion_is_light_and_whole():
     assert structure != replace(structure, wider=None)
     assert structure.mirrored().wider == structure.wider.mirrored()
     assert structure.truncated().wider.static == 0
-    assert np.all(structure.stiffly_damped(1e-8).wider.damping[1:-2] > structure.wider.damping[1:-2])
+    assert np.all(structure.with_stiffness_damping(1e-8).wider.damping[1:-2] > structure.wider.damping[1:-2])
     damped = structure.damped([0.01] * (len(structure.frequency) - 1) + [0.02], of="free")
     own = 2.0 * np.sqrt(damped.wider.stiffness[: len(damped.wider.frequency)])
     assert damped.wider.damping[1:-2] / own[1:] == pytest.approx(
@@ -144,7 +144,7 @@ def test_the_expected_error_is_a_number_or_its_origin_says_why_not():
 def test_the_published_scheme_steps_for_the_modes_of_motion(fmax):
     """Its step, and the damping that goes with it, follow the highest mode that moves."""
     structure = beams(fmax=fmax)
-    assert default_step(structure) == SHARE / (2.0 * np.pi * structure.wider.frequency[-1])
+    assert paper_step(structure) == PERIOD_SHARE / (2.0 * np.pi * structure.wider.frequency[-1])
     run = simulate(Scene(2e-3, 0.0, 0.2, 9.0, structure), 1e-3, "paper").summary
     assert run["cutoff"] == pytest.approx(structure.wider.frequency[-1])
 
@@ -213,7 +213,7 @@ def test_where_sliding_grows_near_the_cutoff_more_modes_move(seed, more):
     scene = meshes.vibrating(seed)
     own, moved = scene.rig, simulate(scene, 1e-3).summary["cutoff"]
     below = growing_frequencies(scene, cutoff=own.cutoff)
-    assert (below[-1] > REACH * own.cutoff) == more
+    assert (below[-1] > GROWTH_REACH * own.cutoff) == more
     assert (moved > own.cutoff) == more
     assert np.count_nonzero(own.motion.frequency < moved) >= (FURTHER_MODES if more else MOTION_MODES)
 

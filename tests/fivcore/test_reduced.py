@@ -24,7 +24,7 @@ from fivcore.contact.reduced import (
 )
 from fivcore.rig import P1, P2
 from fivcore.transient.fast.steady import steady_sliding
-from fivcore.transient.published import STEP, TAU, contact_closing
+from fivcore.transient.published import PAPER_STEP, TAU, contact_closing
 from studies.accuracy.ablation import truncated, with_dashpot, without_cross_terms
 from studies.accuracy.rigs import drawn_scene
 from tests.helpers.examples import examples
@@ -180,8 +180,8 @@ def test_beyond_the_critical_friction_a_method_refuses(method, given):
 def test_the_critical_friction_is_that_of_the_law_the_ablation_and_the_damping():
     """Truncated to 24 modes the contact force is lost at mu = 1.92."""
     assert painleve_mu(Rig(), 5.0, cutoff=50e3, modify=truncated) == pytest.approx(1.92, abs=0.005)
-    model, r = full_model(Rig(), 5.0), STEP / TAU
-    inverse = 1.0 / (1.0 + 0.8 * STEP * model.damping)
+    model, r = full_model(Rig(), 5.0), PAPER_STEP / TAU
+    inverse = 1.0 / (1.0 + 0.8 * PAPER_STEP * model.damping)
     normal, cross = np.sum(model.normal**2 * inverse), np.sum(model.normal * model.tangential * inverse)
     assert painleve_mu(Rig(), 5.0, "paper") == pytest.approx(normal * (1 + r) / (r * abs(cross)))
     assert painleve_mu(Rig(), 20.0, "exact", modify=without_cross_terms) == np.inf

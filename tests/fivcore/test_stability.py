@@ -100,7 +100,7 @@ def test_a_single_angle_has_no_curves_and_where_nothing_flutters_there_is_nothin
 def test_neither_threads_nor_neighbours_change_a_bit_of_many_rigs(monkeypatch):
     numbers = scattered(40)
     whole = flutter_onsets_many(numbers)
-    monkeypatch.setattr(many, "BATCH", 7)
+    monkeypatch.setattr(many, "RIGS_AT_ONCE", 7)
     parts = flutter_onsets_many(numbers, threads=2)
     alone = flutter_onsets_many({name: value[17] for name, value in numbers.items()})
     for name in (each.name for each in fields(whole) if each.name != "mu_max"):
@@ -123,7 +123,7 @@ def test_a_search_without_end_names_its_row(monkeypatch):
     def endless(*given):
         return *search(*given)[:2], 1 if given[0][1, 0] == 8.0 else -1
 
-    monkeypatch.setattr(many, "BATCH", 2)
+    monkeypatch.setattr(many, "RIGS_AT_ONCE", 2)
     monkeypatch.setattr(many, "_search_rows", endless)
     with pytest.raises(ArithmeticError, match="row 3, theta = 8, below fmax = 10000 Hz"):
         flutter_onsets_many({"theta": [5.0, 6.0, 7.0, 8.0]})

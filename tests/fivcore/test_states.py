@@ -64,7 +64,7 @@ def test_a_run_is_its_state_and_a_copy_goes_on_alike(scene, options, phases):
     run, seen, copies = FastRun(Normalised.of(scene), RunOptions(duration=0.16, **options)), set(), []
     while not run.done:
         copies.append(duplicate(run))
-        seen.add(run._phase)
+        seen.add(run.phase)
         for each in (run, copies[-1]):
             each.advance()
             each.written = [(part.t, part.samples, part.sticks, part.rows) for part in each.segments]

@@ -31,7 +31,7 @@ def test_matrices_give_the_beams(given, monkeypatch):
     """Dense, with the static compliance of the modes above `fmax`, and by shift and invert."""
     if "convert" in given:
         for module in ("structure", "finite_elements"):
-            monkeypatch.setattr(f"fivcore.{module}.DENSE", 10)
+            monkeypatch.setattr(f"fivcore.{module}.DENSE_SIZE", 10)
     found, rig = beams(**given), Structure.of(RIG, THETA)
     assert found.preload == pytest.approx(1.0, abs=1e-8)
     frequency = np.sort(rig.frequency)[: min(len(found.frequency), 150)]
@@ -229,7 +229,7 @@ def test_a_soft_support_is_not_a_rigid_motion(elements, convert, monkeypatch):
     """However fine the mesh, whose highest mode has 2 to 600 MHz: a rigid bar has 20 and 34.64 Hz."""
     if convert is sparse.csc_array:
         for module in ("structure", "finite_elements"):
-            monkeypatch.setattr(f"fivcore.{module}.DENSE", 5)
+            monkeypatch.setattr(f"fivcore.{module}.DENSE_SIZE", 5)
     M, K = pin(elements)
     rows = {"normal": {len(M) - 3: 1.0}, "tangential": {len(M) - 1: 1.0}, "load": {len(M) - 3: -1.0}}
     found = Structure.from_matrices(convert(M), convert(K), **rows, fmax=None if elements < 5 else 10e3)
@@ -314,7 +314,7 @@ def test_a_structure_holds_modes_and_no_matrices():
     M, K = (each.tocsc() for each in plate(40, 20, 0.2, 0.04))
     rows = {"normal": {1601: 1.0}, "tangential": {1600: 1.0}, "load": {1601: -1.0}}
     own = Structure.from_matrices(M, K, **rows, fmax=20e3)
-    own.tied_damping, own.damped(0.01), own.preload, own.time_unit, own.digest
+    own.tied_damping, own.damped(0.01), own.preload, own.time_scale, own.digest
     modes = len(own.stiffness) + len(own.motion.stiffness)
     assert len(pickle.dumps(own)) < 3_000 + 8 * 10 * modes
     assert len(pickle.dumps(own)) < 0.05 * len(pickle.dumps(K))

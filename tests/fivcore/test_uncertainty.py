@@ -13,9 +13,9 @@ from fivcore.errors import ThinnedWarning
 from fivcore.transient import driver, observe
 from fivcore.transient.normalised import Normalised, slip_distance
 from fivcore.transient.observe import (
-    BLOCK,
     FEWEST,
     LONG_BLOCK,
+    MEANS_BLOCK,
     SLIP_RATE,
     VELOCITY,
     Observer,
@@ -134,7 +134,7 @@ def test_quantiles_are_those_of_all_samples():
 
 def test_of_a_long_run_some_stretches_are_kept_and_counters_of_all(monkeypatch):
     """Whatever the pieces in which it comes; the statistics of noise change by their own scatter."""
-    monkeypatch.setattr(observe, "MOST", 4 * LONG_BLOCK)
+    monkeypatch.setattr(observe, "MOST_SAMPLES", 4 * LONG_BLOCK)
     rng, count = np.random.default_rng(7), 9 * LONG_BLOCK + 1234
     t, samples = np.arange(count) * 2e-5, rng.normal(size=(count, SAMPLE))
     samples[:, 3:] = np.cumsum(np.abs(samples[:, 3:]), axis=0)
@@ -151,7 +151,7 @@ def test_of_a_long_run_some_stretches_are_kept_and_counters_of_all(monkeypatch):
         kept = np.flatnonzero(np.arange(count) // LONG_BLOCK % 4 == 0)
         assert np.array_equal(observer.kept, np.vstack([t[kept], samples[kept, :3].T]))
         assert np.array_equal(observer.blocks, found[0].blocks)
-        assert len(observer.blocks) == (count - 1) // BLOCK
+        assert len(observer.blocks) == (count - 1) // MEANS_BLOCK
         assert observer.rms == pytest.approx(1.0, abs=0.01)
         assert observer.quantile(SLIP_RATE, 0.999) == pytest.approx(3.29, abs=0.15)
         assert np.isfinite(list(standard_errors(observer, FEWEST, np.ones(20)).values())).all()
@@ -160,7 +160,7 @@ def test_of_a_long_run_some_stretches_are_kept_and_counters_of_all(monkeypatch):
 
 
 def test_blocks_are_means_between_samples_and_begin_anew_when_settled():
-    rng, count, first = np.random.default_rng(3), 10 * BLOCK + 7, BLOCK // 2
+    rng, count, first = np.random.default_rng(3), 10 * MEANS_BLOCK + 7, MEANS_BLOCK // 2
     t, samples = np.arange(count) * 2e-5, np.cumsum(rng.random((count, SAMPLE)), axis=0)
     whole, cut = Observer(50e3, count), Observer(50e3, count)
     whole.add(t, samples, t[first])
@@ -168,8 +168,10 @@ def test_blocks_are_means_between_samples_and_begin_anew_when_settled():
         cut.add(t[piece], samples[piece], 0.0 if piece[-1] < first else t[first])
     blocks, settled = whole.blocks, samples[first:]
     assert np.array_equal(blocks, cut.blocks)
-    assert blocks[:, 1:5] == pytest.approx(np.diff(settled[::BLOCK, 3:], axis=0) / (BLOCK * 2e-5))
-    assert np.array_equal(whole.by_block(VELOCITY), settled[: len(blocks) * BLOCK, 0].reshape(-1, BLOCK))
+    assert blocks[:, 1:5] == pytest.approx(np.diff(settled[::MEANS_BLOCK, 3:], axis=0) / (MEANS_BLOCK * 2e-5))
+    assert np.array_equal(
+        whole.by_block(VELOCITY), settled[: len(blocks) * MEANS_BLOCK, 0].reshape(-1, MEANS_BLOCK)
+    )
     assert whole.rms == pytest.approx(settled[:, 0].std(), rel=1e-12) == cut.rms
     assert whole.spread(0.0) == np.inf
 

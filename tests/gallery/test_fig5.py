@@ -5,7 +5,7 @@ import pytest
 
 from fivcore import Structure, flutter_onsets, sliding_modes
 from fivcore.rig import Rig
-from fivcore.structure import structure_of
+from fivcore.structure import modal_structure
 from studies import registry, summary
 from studies.motion.run import BAND
 from studies.plotting import figures
@@ -97,5 +97,5 @@ def test_divergence_of_a_structure_is_where_a_real_exponent_begins_to_grow():
 @pytest.mark.parametrize("theta", [-70.0, -5.0, 5.0, 40.0, 75.0])
 def test_divergence_of_the_rig_is_that_of_its_modes(theta):
     found = flutter_onsets(Rig(), theta, BAND, 5.0).divergence_mu
-    by_modes = flutter_onsets(structure_of(Rig(), theta), 0.0, BAND, 5.0).divergence_mu
+    by_modes = flutter_onsets(modal_structure(Rig(), theta), 0.0, BAND, 5.0).divergence_mu
     np.testing.assert_allclose(by_modes, found, rtol=1e-9)

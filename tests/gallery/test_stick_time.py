@@ -58,6 +58,13 @@ def test_speeds_without_sticks_have_no_mean_and_do_no_harm():
     assert np.all(np.isnan(ratio(V, *means, (3.0, 1.0))))
 
 
+def test_a_mean_takes_more_than_a_run_or_two_of_many():
+    total = np.ones((2, 8)) * (np.arange(8) < [[2], [3]])
+    mean, samples = bootstrap(total, total)
+    assert np.array_equal(np.isnan(mean), [True, False])
+    assert np.all(np.isnan(samples[:, 0]))
+
+
 def test_a_share_falls_below_a_level_for_good_where_it_does_so_last():
     shares = {(0.9, 0.5, 0.1, 0.0): 2.75, (0.9, 0.1, 0.5, 0.0): 3.6, (0.9, 0.8, 0.7, 0.6): np.nan}
     shares |= {(0.1, 0.1, 0.1, 0.0): np.nan, (0.9, np.nan, 0.1, 0.0): 2.75}

@@ -12,7 +12,7 @@ from fivcore.contact.reduced import ReducedModel
 from fivcore.transient import exact, published
 from fivcore.transient.fast import kernel, layout
 from fivcore.transient.fast.run import aligned
-from fivcore.transient.fast.skip import NONE, workspace_for
+from fivcore.transient.fast.skip import NO_TABLES, workspace_for
 from fivcore.transient.fast.solver import Solver, put, take
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import RunOptions
@@ -102,7 +102,7 @@ class Fast:
         fill(record, sample_every=SAMPLED, next_sample=sample, energy_every=SAMPLED, next_energy=sample)
         rows, samples = np.empty((steps, 6)), np.empty((count_in(now, last, SAMPLED), SAMPLE))
         sticks = np.empty((steps, 2))
-        kernel.advance(record, self.modes, samples, rows, sticks, NONE, workspace_for(NONE), (), ())
+        kernel.advance(record, self.modes, samples, rows, sticks, NO_TABLES, workspace_for(NO_TABLES), (), ())
         assert (record["now"], record["rows"], record["samples"]) == (last, steps, len(samples))
         return rows
 

@@ -146,7 +146,7 @@ def chain(size, masses):
 
 @pytest.mark.parametrize(("copies", "massless"), [(1, False), (2, False), (1, True)])
 def test_all_modes_of_a_random_system(copies, massless, monkeypatch):
-    monkeypatch.setattr(assembled, "DENSE", 50)
+    monkeypatch.setattr(assembled, "UNPROJECTED", 50)
     matrices = chain(200 // copies, np.arange(200 // copies) % 7 > 0 if massless else 1.0)
     mass, damping, stiffness, friction = (sparse.block_diag([each] * copies) for each in matrices)
     one, unit = np.eye(200), 2.0 * np.pi * BAND
@@ -167,7 +167,7 @@ PARTS += [(60, 5, 0.6, 1e-9), (100, 4, 1.0, 0.0), (40, 6, 3.0, 0.0), (150, 1, 2.
 @pytest.mark.parametrize(("copies", "each", "band", "apart"), PARTS)
 def test_all_modes_of_equal_and_nearly_equal_parts(copies, each, band, apart, monkeypatch):
     """In any order of rows; some bands have a few modes of each part, some have all."""
-    monkeypatch.setattr(assembled, "DENSE", 50)
+    monkeypatch.setattr(assembled, "UNPROJECTED", 50)
     rng = np.random.default_rng(0)
     skew, turn = rng.normal(size=(2, each, each))
     K = 2.0 * np.eye(each) - np.eye(each, k=1) - np.eye(each, k=-1) + 0.02 * np.diag(rng.random(each))

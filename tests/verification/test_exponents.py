@@ -10,7 +10,7 @@ from fivcore.contact.compression import lanczos
 from fivcore.errors import InputError
 from fivcore.stability.exponents import band_modes, exponents
 from fivcore.stability.falling import sliding_point
-from fivcore.structure import structure_of
+from fivcore.structure import modal_structure
 from tests.helpers.scattered import rig_of, scattered
 from tests.helpers.structures import assert_same_set, drawn
 
@@ -26,7 +26,7 @@ def beams(seed, rayleigh):
     """A rig of 361 modes as a structure, and a band."""
     rng = np.random.default_rng(abs(seed))
     numbers = scattered(1, abs(seed))
-    own = structure_of(rig_of(numbers, 0), float(numbers["theta"][0]))
+    own = modal_structure(rig_of(numbers, 0), float(numbers["theta"][0]))
     ratio = rng.uniform(0.0, 0.05, len(own.stiffness))
     damped = own if rayleigh else replace(own, rayleigh=None, damping=2.0 * ratio * np.sqrt(own.stiffness))
     return damped, 10.0 ** rng.uniform(3.3, 4.3)
@@ -146,7 +146,7 @@ def test_compressed_modes_have_the_receptances_of_all(rayleigh):
 
 def test_a_rig_has_few_modes_in_its_band():
     """361 modes become 38, 34 of which friction feels, or 23 for the eigenproblem."""
-    own = structure_of(Rig(), 5.0)
+    own = modal_structure(Rig(), 5.0)
     assert len(own.stiffness) == 361
     falling, modes = band_modes(own, 10e3, True), band_modes(own, 10e3)
     assert [len(each) for each in (falling.p, modes.p, falling.few[0], modes.few[0])] == [38, 34, 23, 21]

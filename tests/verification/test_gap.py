@@ -16,7 +16,7 @@ from fivcore import Scene, simulate
 from fivcore.beams.modes import propagator
 from fivcore.contact.reduced import default_cutoff, full_model, reduced_model
 from fivcore.transient.normalised import Normalised, reference_energy
-from fivcore.transient.published import BETA2, STEP
+from fivcore.transient.published import BETA2, PAPER_STEP
 from studies.accuracy.rigs import drawn_scene
 from tests.known import COARSE
 
@@ -28,8 +28,8 @@ CASES = {
     "fast, mirrored": ("fast", Scene(-0.5, 5.0, 0.4, 2.0), 0.05, None, 0.0),
     "fast, leaning far": ("fast", Scene(0.05, 30.0, 0.6, 9.0), 0.05, None, 1e-3),
     "fast, another rig": ("fast", drawn_scene(2010, 1), 0.1, None, 1e-3),
-    "paper": ("paper", replace(PAPERS, V=0.05), 6e-3, STEP, 1e-3),
-    "paper, another rig": ("paper", replace(drawn_scene(2010, 1), V=0.05), 6e-3, STEP, 0.0),
+    "paper": ("paper", replace(PAPERS, V=0.05), 6e-3, PAPER_STEP, 1e-3),
+    "paper, another rig": ("paper", replace(drawn_scene(2010, 1), V=0.05), 6e-3, PAPER_STEP, 0.0),
     "paper, coarse": ("paper", Scene(0.05, 20.0, 0.5, 9.0, COARSE), 0.05, 1e-7, 1e-3),
 }
 # Largest gap, in units of the compliance under the largest force and what is closed in a step; energy residual.

@@ -13,7 +13,7 @@ from fivcore.beams.similar import unit_cantilever
 from fivcore.contact.compression import FAR
 from fivcore.rig import P1, P2
 from fivcore.stability import many
-from fivcore.stability.onsets import MOST_INTERVALS, TOP, isolate, onset_friction, onset_root
+from fivcore.stability.onsets import MOST_INTERVALS, PATH_TOP, isolate, onset_friction, onset_root
 from tests import known
 from tests.helpers import reference
 from tests.helpers.rigs import workshop_rig
@@ -73,7 +73,7 @@ def test_no_onset_is_missed(block):
         up = (found.mu < mu[:, None]).sum(axis=1) - (found.recovery_mu < mu[:, None]).sum(axis=1)
         # Growing pairs come and go through the top of the band as well.
         crossings = many.crossings(many.rig_table({"theta": theta}, rig), fmax, 0.9, rig)[0].T
-        at_top = crossings[(crossings[:, 2] > fmax) & (crossings[:, 2] <= TOP * fmax)]
+        at_top = crossings[(crossings[:, 2] > fmax) & (crossings[:, 2] <= PATH_TOP * fmax)]
         up = up + ((at_top[:, 1] < mu[:, None]) * np.sign(at_top[:, 3]).astype(int)).sum(axis=1)
         entered += len(found.entry_mu)
         # A divergence that comes from beyond the band is not a flutter: from there on nothing is compared.

@@ -14,7 +14,7 @@ from fivcore.transient.fast.run import FastRun
 from fivcore.transient.fast.solver import take
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import RunOptions
-from fivcore.transient.published import BETA2, STEP
+from fivcore.transient.published import BETA2, PAPER_STEP
 from studies.accuracy.ablation import truncated, with_dashpot
 from tests.helpers.small_systems import System, stepped
 from tests.known import AXIAL, CANTILEVER, PINNED, bar
@@ -60,7 +60,7 @@ def fast_state(step, time, modify=None):
     assert run.steps == steps
     while not run.done:
         run.advance()
-    return take(run.blocks, run.places, layout.Q) + run._shift
+    return take(run.blocks, run.places, layout.Q) + run.shift
 
 
 @pytest.mark.parametrize(("near", "most"), [(0.0085, 2e-8), (0.0100, 1e-5)])
@@ -134,7 +134,7 @@ def determinant(c, dt, b):
 def test_a_free_mode_decays_as_if_d2_were_larger_by_beta2_minus_a_half_steps(b, c):
     """To second order in omega dt, and with damping in c / omega."""
     errors = []
-    for dt in (STEP, 1e-8, 5e-9):
+    for dt in (PAPER_STEP, 1e-8, 5e-9):
         expected = (1.0 - (1.0 - b) * c * dt - (b - 0.5) * (OMEGA * dt) ** 2) / (1.0 + b * c * dt)
         found = determinant(c, dt, b)
         assert found == pytest.approx(expected, rel=0.0, abs=1e-12)
@@ -153,8 +153,8 @@ def first_separation(method, d2=1e-8, **given):
     return summary["first_separation_time"] - summary["first_slip_time"]
 
 
-STEPS = [(STEP, "published"), *(pytest.param(s, "published", marks=pytest.mark.slow) for s in (1e-8, 5e-9))]
-STEPS += [pytest.param(step, "none", marks=pytest.mark.slow) for step in (STEP, 1e-8)]
+STEPS = [(PAPER_STEP, "published"), *(pytest.param(s, "published", marks=pytest.mark.slow) for s in (1e-8, 5e-9))]
+STEPS += [pytest.param(step, "none", marks=pytest.mark.slow) for step in (PAPER_STEP, 1e-8)]
 
 
 @pytest.mark.parametrize(("step", "damping"), STEPS)
@@ -163,5 +163,5 @@ def test_the_first_separation_of_the_published_scheme_is_that_of_its_own_damping
     added = (BETA2 - 0.5) * step if damping == "published" else 0.0
     found = first_separation("fast", 1e-8 + added)
     assert found == pytest.approx(first_separation("paper", step=step, numerical_damping=damping), abs=3e-5)
-    if step == STEP:
+    if step == PAPER_STEP:
         assert found == first_separation("fast", numerical_damping=damping)

@@ -58,7 +58,7 @@ def test_the_model_that_moves(number, given, monkeypatch):
     """With one cut-off, modes and contact are the same, and so are balance and knock."""
     if "convert" in given:
         for module in ("structure", "finite_elements"):
-            monkeypatch.setattr(f"fivcore.{module}.DENSE", 10)
+            monkeypatch.setattr(f"fivcore.{module}.DENSE_SIZE", 10)
     scene, own = pair(number, **given)
     cutoff = min(default_cutoff(scene.rig), 1.0001 * float(own.rig.motion.frequency[-1]))
     models = [reduced_model(*seen(each), cutoff) for each in (scene, own)]

@@ -9,14 +9,14 @@ from fivcore import Rig, Scene, State, simulate
 from fivcore.contact.reduced import full_model
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import RunOptions
-from fivcore.transient.published import STEP, PaperRun, largest_step
+from fivcore.transient.published import PAPER_STEP, PaperRun, largest_step
 from tests.helpers.transient_reference import SEPARATION, SLIP, STICK, finite_elements, nodal, published_scheme
 from tests.known import COARSE, LARGEST_STEPS
 
 # Rig, inclination, friction, load, how fast its modes move at the start, time step.
 CASES = {
     "coarse, leaning back": (COARSE, -20.0, 0.5, 4.0, 0.1, 1e-7),
-    "the paper's mesh": (Rig(), 5.0, 0.2, 2.0, 0.3, STEP),
+    "the paper's mesh": (Rig(), 5.0, 0.2, 2.0, 0.3, PAPER_STEP),
 }
 
 

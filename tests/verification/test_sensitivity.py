@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import lu_factor, lu_solve
 
 from fivcore import Rig, flutter_onsets, flutter_onsets_many, onset_curves, onset_sensitivity
-from fivcore.stability.sensitivity import CENTRAL, STEP
+from fivcore.stability.sensitivity import CENTRAL, RELATIVE_STEP
 from studies.accuracy.rigs import drawn_scene
 from studies.parameters import rig_numbers
 from tests.helpers.reference import assemble
@@ -159,7 +159,7 @@ def test_under_a_heavy_head_onsets_follow_a_closed_form(theta):
     rounding = np.abs(((1.0 + e) * t + e / t) / near.mu - 1.0).max(axis=0)
     of_frequency = np.ptp(near.frequency, axis=0) / near.frequency[0]
     lost = np.maximum([rounding, rounding, of_frequency], np.finfo(float).eps)
-    assert np.all(np.abs(errors).max(axis=0) <= np.abs(CENTRAL[1]).sum() / STEP * lost)
+    assert np.all(np.abs(errors).max(axis=0) <= np.abs(CENTRAL[1]).sum() / RELATIVE_STEP * lost)
 
 
 # Limits of parameters.

@@ -17,6 +17,8 @@ NEVER = 1 << 60
 # Samples of stick before a skip is tried, and intervals between samples that one covers at most. A skip ends at
 # multiples of the latter, so that what is asked for beside a run's motion cannot change the motion.
 MIN_SAMPLES, MAX_SKIP = 48, 1024
+# Rows of a record that are handed over at once, about.
+MOST_ROWS = 10_000
 
 _ARRAYS = {
     # N and T of stick from (p, u_T, v_N, v_T), and how long before the middle of a step slip begins, s; after

@@ -12,21 +12,70 @@ further than without impulses. Coordinates are deviations from the equilibrium u
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from fivcore.contact.reduced import default_cutoff, modified, reduced_model
 from fivcore.jit import Array
-from fivcore.rig import Structural
+from fivcore.rig import ContactModel
 from fivcore.transient.fast.solver import Solver, solver_of
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
+from fivcore.transient.statistics import SEPARATION
+
+# Phases of a run, in order: while the drive starts; until the contact is about to slip; with the finer model,
+# until contact opens and for a while after; the motion from then on.
+RAMP, BEFORE_SLIP, CLOSED, OPENED, MOTION = range(5)
 
 FINER, HIGHER = 4, 4.0
 # Before the first slip, until what the change of model excites is gone; longest to separation; after it, s.
 LEAD, LONGEST, AFTER = 3e-3, 21e-3, 3e-3
 
 
-def finer_cutoff(rig: Structural) -> float:
+def prepare(run: Any) -> None:
+    """Let the next segment of a run end where the contact is about to slip, or opens."""
+    run.record["threshold"] = run.lead * run.scene.mu if run.phase == BEFORE_SLIP else np.inf
+    run.record["until_open"] = run.phase == CLOSED
+
+
+def conclude(run: Any) -> None:
+    """Change to the finer model where the contact is about to slip, and back after the first separation."""
+    record, phase = run.record, run.phase
+    now, stopped = int(record["now"][0]), bool(record["stopped"][0])
+    opened = not np.isnan(record["first_separation"][0])
+    if phase == BEFORE_SLIP and stopped:
+        run.phase = MOTION
+        if not opened and run.fine is not None:
+            _enter(run, run.fine)
+    elif phase == CLOSED and (stopped or opened or now >= run.phase_end):
+        last = (-(-now // FINER) + round(AFTER / run.step)) * FINER
+        run.phase, run.phase_end, run.segment_end = OPENED, last, 0
+    elif phase == OPENED and now >= run.phase_end:
+        _leave(run)
+
+
+def _enter(run: Any, fine: Solver) -> None:
+    """Go on with more modes and finer steps."""
+    coarse, now = run.coarse, run.now
+    q, v = run.between(coarse)
+    state = prolong(coarse, fine, q, v, run.u)
+    run.change_to(fine, state, now * run.step)
+    run.record["now"] = now * FINER
+    run.phase, run.segment_end = CLOSED, 0
+    run.phase_end = (now + round(LONGEST / run.step)) * FINER
+
+
+def _leave(run: Any) -> None:
+    """Go on with the modes and steps of the run."""
+    fine, now, touches = run.solver, run.now, bool(run.record["contact"] != SEPARATION)
+    q, v = run.between(fine)
+    state = restrict(fine, run.coarse, q, v, run.u, touches)
+    run.change_to(run.coarse, state, now * run.step)
+    run.record["now"], run.phase, run.segment_end = now, MOTION, 0
+
+
+def finer_cutoff(rig: ContactModel) -> float:
     """Cut-off of the finer model, Hz."""
     return HIGHER * default_cutoff(rig)
 

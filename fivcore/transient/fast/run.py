@@ -1,14 +1,14 @@
 """`method="fast"`: the reduced model in symmetric impulses and exact moves, second order in the step.
 
-`FastRun` keeps the state of one scene and takes it through the phases of a run, a segment at a time. Steady
-sliding that is proved to last (`transient.fast.steady`) is filled in.
+`FastRun` keeps the state of one scene and takes it through the stages of a run, a segment at a time: the ramp of
+the drive, the onset with a finer model (`onset`), sticks that are skipped (`skip`), and the end where steady
+sliding is proved to last (`ending`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from functools import cached_property, lru_cache
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -20,20 +20,17 @@ from fivcore.contact.step_map import at_most, largest_stable_step, stable
 from fivcore.errors import SceneValueError, not_unique
 from fivcore.jit import Array
 from fivcore.rig import Rig
-from fivcore.transient.fast import layout, onset
+from fivcore.transient.fast import ending, layout, onset, skip
 from fivcore.transient.fast.kernel import advance
-from fivcore.transient.fast.skip import NONE, SkipTables, skip_tables, workspace_for
+from fivcore.transient.fast.onset import BEFORE_SLIP, CLOSED, MOTION, OPENED, RAMP
 from fivcore.transient.fast.solver import Solver, put, solver_of, take
-from fivcore.transient.fast.steady import NEAR, SteadySliding, sliding_growth, steady_sliding
+from fivcore.transient.fast.steady import sliding_growth
 from fivcore.transient.normalised import Normalised, State, displacement, residual_gaps, slip_distance
 from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import (
     FIELDS,
     SAMPLE,
-    SAMPLED_COUNTERS,
     SEPARATION,
-    SETTLED,
-    SLIP,
     STICK,
     Segment,
     count_in,
@@ -48,20 +45,16 @@ SHORT_SEGMENT, LONG_SEGMENT = 0.04, 0.25
 MOST_STEPS, MOST_ROOM = 1_000_000, 1e8
 # Share of a mode's energy, as a power of e, that may be lost between two samples of the dissipation.
 FAST_DECAY = 0.25
-# Rows of a record that are handed over at once, about.
-MOST_ROWS = 10_000
-# Phases of a run, in order: while the drive starts; until the contact is about to slip; the onset with the finer
-# model (`transient.fast.onset`), until contact opens and for a while after; the motion from then on.
-RAMP, BEFORE_SLIP, CLOSED, OPENED, MOTION = range(5)
 
 
 class FastRun:
     """One run in progress; `begun` is its start, s, if it continues another run.
 
-    What changes on the way: the motion in `record`, `blocks` and `tangent`; `_shift`, the modes' equilibrium in an
-    accelerating frame; the model in use, `_solver`; the phase and its end, `_phase` and `_ends`; the segment's,
-    `_until`, `_length` and `_fine_energy`; where the run pauses and ends, `pause` and `steps`; and whether it may
-    end early, `may_settle`. A copy (`stepped.duplicate`) goes on alike.
+    What changes on the way: the motion in `record`, `blocks` and `tangent`; `shift`, the modes' equilibrium in an
+    accelerating frame; the model in use, `solver`; `phase` and the step at which it ends if nothing ends it
+    before, `phase_end`; the segment's end, which a record may cut into several, its length, s, and whether energy
+    is counted in every step, `segment_end`, `length` and `_fine_energy`; where the run pauses and ends, `pause`
+    and `steps`; and whether it may end early, `may_settle`. A copy (`stepped.duplicate`) goes on alike.
     """
 
     begun = 0.0
@@ -74,29 +67,27 @@ class FastRun:
         self.pause = self.steps = max(round(options.duration / self.step), 1)
         # A ramp shorter than a step is none.
         starts = options.initial is None or not options.initial.running
-        self._ramp = options.ramp if starts and options.ramp >= self.step else 0.0
+        self.ramp = options.ramp if starts and options.ramp >= self.step else 0.0
         law, distance = scene.friction, slip_distance(scene)
-        self._kinetic, self._law = scene.mu * law.ratio(scene.speed_per_load), () if law.constant else law.law
+        self.kinetic, self._law = scene.mu * law.ratio(scene.speed_per_load), () if law.constant else law.law
         self._refines = options.cutoff is None and options.initial is None and bool(model.K.any())
         self._refines = self._refines and isinstance(scene.rig, Rig)
-        self._share = 1.0 - min(onset.LEAD * scene.speed_per_load / distance, 1.0) if distance > 0.0 else 0.0
-        self._sample_every = max(round(model.interval / self.step), 1)
-        self._row_every = options.rows(self.step)[0]
-        self.rate = 1.0 / (self._sample_every * self.step)
+        self.lead = 1.0 - min(onset.LEAD * scene.speed_per_load / distance, 1.0) if distance > 0.0 else 0.0
+        self.sample_every = max(round(model.interval / self.step), 1)
+        self.row_every = options.rows(self.step)[0]
+        self.rate = 1.0 / (self.sample_every * self.step)
         self.may_settle = options.end_early and bool(model.K.any()) and law.constant
-        self._short, self._long = SHORT_SEGMENT * scene.rig.time_unit, LONG_SEGMENT * scene.rig.time_unit
-        self._length, self._fine_energy = self._short, False
-        # The step at which the phase ends, if nothing has ended it, and that at which its segment ends, which a
-        # record may cut into several.
-        self._phase, self._ends, self._until = RAMP, int(self._ramp / self.step), 0
+        self.short, self.long = SHORT_SEGMENT * scene.rig.time_scale, LONG_SEGMENT * scene.rig.time_scale
+        self.length, self._fine_energy = self.short, False
+        self.phase, self.phase_end, self.segment_end = RAMP, int(self.ramp / self.step), 0
         self.segments: Iterable[Segment] = ()
         self.record = options.record_of(scene, layout.SCENE)
         # A deviation that follows the motion (`kernel.advance`).
         self.tangent: Any = ()
-        self._solver = self._coarse = solver_of(model, self.step)
-        self.blocks = aligned(self._solver.blocks)
+        self.solver = self.coarse = solver_of(model, self.step)
+        self.blocks = aligned(self.solver.blocks)
         self._start(options.initial)
-        if not self._ends:
+        if not self.phase_end:
             self._end_ramp()
 
     # State.
@@ -104,34 +95,35 @@ class FastRun:
     @property
     def model(self) -> ReducedModel:
         """The model in use."""
-        return self._solver.model
+        return self.solver.model
 
     @property
     def models(self) -> list[tuple[float | None, ReducedModel]]:
         """The models of the run, each with the cut-off asked for."""
-        own, fine = [(self.options.cutoff, self._coarse.model)], vars(self).get("_fine")
+        own, fine = [(self.options.cutoff, self.coarse.model)], vars(self).get("fine")
         return own + ([(onset.finer_cutoff(self.scene.rig), fine.model)] if fine else [])
 
     @cached_property
     def growing(self) -> Array:
         """Frequencies of growing motions about steady sliding, Hz; empty where no onset is computed."""
-        return sliding_growth(self.scene, self._coarse.model, self.step) if self._refines else np.zeros(0)
+        return sliding_growth(self.scene, self.coarse.model, self.step) if self._refines else np.zeros(0)
 
     @cached_property
-    def _fine(self) -> Solver | None:
+    def fine(self) -> Solver | None:
         """Solver of the onset; None where there is none. Growth in the finer model alone starts no vibration."""
         return onset.finer_solver(self.scene, self.step, self.options) if len(self.growing) else None
 
     @property
     def places(self) -> NDArray[np.int64]:
         """Places of the modes in rows of `blocks`, (n,)."""
-        return self._solver.places
+        return self.solver.places
 
-    def _row(self, row: int) -> Array:
+    def values(self, row: int) -> Array:
+        """A row of the modes in `blocks`, (n,)."""
         return take(self.blocks, self.places, row)
 
     def _start(self, initial: State | None) -> None:
-        model, scene, solver = self.model, self.scene, self._solver
+        model, scene, solver = self.model, self.scene, self.solver
         u: Array = np.zeros(2)
         contact = self.options.contact
         if initial is None:
@@ -145,13 +137,13 @@ class FastRun:
                 if contact != SEPARATION:
                     u = solver.contact.flexibility @ (model.K @ u)
         # Within the ramp coordinates are deviations from the equilibrium in the accelerating frame.
-        self._shift = np.zeros(len(q))
+        self.shift = np.zeros(len(q))
         if initial is not None and initial.running:
             q += solver.between_impulses(solver.contact.stiffness @ u * (contact != SEPARATION))
-        elif self._ramp > 0.0:
+        elif self.ramp > 0.0:
             elastic = model.stiffness > 0.0
-            push = model.inertia[elastic] * scene.speed_per_load / self._ramp
-            self._shift[elastic] = push / model.stiffness[elastic]
+            push = model.inertia[elastic] * scene.speed_per_load / self.ramp
+            self.shift[elastic] = push / model.stiffness[elastic]
             self.record["work"] -= self._ramp_work(q)
         else:
             v += model.inertia * scene.speed_per_load
@@ -160,7 +152,7 @@ class FastRun:
         record = self.record
         record["contact"], record["u_N"], record["u_T"] = contact, *u
         record["anchor"] = u[1] + model.tangential @ q + solver.at_rest[1]
-        self._place(*_move(model, q - self._shift, v, 0.5 * self.step))
+        self.place(*_move(model, q - self.shift, v, 0.5 * self.step))
         if initial is not None and initial.running:
             # Stick holds the surfaces where they are at the first impulse.
             u[1] -= 0.5 * self.step * (model.tangential @ v - scene.speed_per_load)
@@ -169,12 +161,12 @@ class FastRun:
         if contact == STICK:
             record["next_skip"] = 0
 
-    def again(self, options: RunOptions) -> FastRun:
+    def resumed(self, options: RunOptions) -> FastRun:
         """Return a run that continues this one after its end."""
         run: FastRun = duplicate(self)
         run.blocks, run.options, run.begun = aligned(self.blocks), options, self.time
         run.pause = run.steps = self.now + max(round(options.duration / self.step), 1)
-        run._row_every = options.rows(self.step)[0]
+        run.row_every = options.rows(self.step)[0]
         run.may_settle = options.end_early and bool(self.model.K.any()) and self.scene.friction.constant
         run._first_energy = self.stored_energy()
         run._set_settle(options.record_of(self.scene, None, run.record, self.time))
@@ -182,21 +174,21 @@ class FastRun:
 
     def state(self) -> tuple[Array, Array, Array]:
         """Displacements from rest and velocities of the modes, and the gaps of the others, between two steps."""
-        solver, K = self._solver, self.model.K
-        touches, u = bool(self.record["contact"] != SEPARATION), self._u
+        solver, K = self.solver, self.model.K
+        touches, u = bool(self.record["contact"] != SEPARATION), self.u
         force = solver.contact.stiffness @ u if touches else np.zeros(2)
-        q, v = self._between(solver)
+        q, v = self.between(solver)
         if touches and K.any():
             # The law has u_N, and in stick u_T, in the middle of the last step.
-            drive = self.scene.speed_per_load * min(self.time / self._ramp if self._ramp else 1.0, 1.0)
+            drive = self.scene.speed_per_load * min(self.time / self.ramp if self.ramp else 1.0, 1.0)
             rates = self.model.shapes @ v - [0.0, drive]
             rates[1] *= self.record["contact"][0] == STICK
             u = np.linalg.solve(K, force) - 0.5 * solver.step * rates
-        return q + self._shift - solver.between_impulses(force), v, np.asarray(u)
+        return q + self.shift - solver.between_impulses(force), v, np.asarray(u)
 
     def _set_settle(self, record: Any) -> None:
         settled = float(record["settled_from"][0])
-        record["settle"] = first_counted(settled, self._solver.step, 0.5) if settled < np.inf else 0
+        record["settle"] = first_counted(settled, self.solver.step, 0.5) if settled < np.inf else 0
 
     def _use(self, solver: Solver) -> None:
         """Go on with a solver; the record keeps what belongs to the run."""
@@ -204,13 +196,13 @@ class FastRun:
         for name in [name for name, _ in FIELDS] + ["contact", "u_N", "u_T", "anchor", "now", "settle"]:
             self.record[name] = old[name]
         record = self.record
-        self._solver, self.blocks = solver, aligned(solver.blocks)
-        record["mu"], record["kinetic"] = self.scene.mu, self._kinetic if not self._law else self.scene.mu
-        record["speed"], record["ramp"] = self.scene.speed_per_load, self._ramp
-        record["acceleration"] = self.scene.speed_per_load / self._ramp if self._ramp > 0.0 else 0.0
+        self.solver, self.blocks = solver, aligned(solver.blocks)
+        record["mu"], record["kinetic"] = self.scene.mu, self.kinetic if not self._law else self.scene.mu
+        record["speed"], record["ramp"] = self.scene.speed_per_load, self.ramp
+        record["acceleration"] = self.scene.speed_per_load / self.ramp if self.ramp > 0.0 else 0.0
         self._set_settle(record)
 
-    def _place(self, q: Array, v: Array) -> None:
+    def place(self, q: Array, v: Array) -> None:
         """Put the modes where they are before an impulse."""
         model, record = self.model, self.record
         put(self.blocks, self.places, layout.Q, q)
@@ -219,25 +211,25 @@ class FastRun:
         record["v_N"], record["v_T"] = model.normal @ v, model.tangential @ v
         for name in layout.RIGID.split():
             record[name] = np.nan
-        record["p_rest"] = self._solver.at_rest[0]
-        record["T_rest"] = self._solver.at_rest[1] + model.tangential @ self._shift
+        record["p_rest"] = self.solver.at_rest[0]
+        record["T_rest"] = self.solver.at_rest[1] + model.tangential @ self.shift
 
     # Segments.
 
     @property
-    def _finer(self) -> int:
+    def finer(self) -> int:
         """Steps of the phase in a step of the run."""
-        return onset.FINER if self._phase in (CLOSED, OPENED) else 1
+        return onset.FINER if self.phase in (CLOSED, OPENED) else 1
 
     @property
     def now(self) -> int:
         """Steps of the run that have been taken."""
-        return int(self.record["now"][0]) // self._finer
+        return int(self.record["now"][0]) // self.finer
 
     @property
     def time(self) -> float:
         """Time up to which the run has come, s."""
-        return float(self.record["now"][0]) * self._solver.step
+        return float(self.record["now"][0]) * self.solver.step
 
     @property
     def done(self) -> bool:
@@ -246,214 +238,112 @@ class FastRun:
 
     def advance(self) -> None:
         """Go on to the end of the next segment and leave in `segments` what happened there."""
-        tables, scene = self._plan(), self.record[0]
-        begun, last, every = int(scene["now"]), int(scene["last"]), int(scene["sample_every"])
+        phase, record = self.phase, self.record[0]
+        begun, last = self._plan()
+        onset.prepare(self)
+        tables = skip.prepare(self)
+        every = int(record["sample_every"])
         samples = np.empty((count_in(begun, last, every), SAMPLE))
-        rows = np.empty((count_in(begun, last, int(scene["row_every"])), 6))
-        sticks, modes = np.empty((int(scene["stick_room"]), 2)), self.blocks.ravel()
-        advance(self.record, modes, samples, rows, sticks, tables, workspace_for(tables), self._law, self.tangent)
-        first, count = -(-begun // every), int(scene["samples"])
-        t = np.asarray((np.arange(first, first + count) * every + 0.5) * self._solver.step)
-        segment = Segment(t, samples[:count], sticks[: int(scene["sticks"])], rows[: int(scene["rows"])])
+        rows = np.empty((count_in(begun, last, int(record["row_every"])), 6))
+        sticks, modes = np.empty((int(record["stick_room"]), 2)), self.blocks.ravel()
+        kernel = tables, skip.workspace_for(tables), self._law, self.tangent
+        advance(self.record, modes, samples, rows, sticks, *kernel)
+        first, count = -(-begun // every), int(record["samples"])
+        t = np.asarray((np.arange(first, first + count) * every + 0.5) * self.solver.step)
+        segment = Segment(t, samples[:count], sticks[: int(record["sticks"])], rows[: int(record["rows"])])
         self.segments = [segment]
-        self._conclude(segment)
+        if phase == RAMP and record["now"] == self.phase_end:
+            self._end_ramp()
+        onset.conclude(self)
+        if record["stopped"]:
+            self.segment_end = 0
+        if self.record["now"] >= self.segment_end and not {phase, self.phase} & {CLOSED, OPENED}:
+            ending.conclude(self, phase, segment)
 
-    def _plan(self) -> SkipTables:
-        """Decide where the next segment ends and what ends it before; return tables of its skips."""
-        record, solver, finer = self.record, self._solver, self._finer
-        every, rows = self._sample_every * finer, self._row_every * finer
-        now, tables = int(record["now"][0]), NONE
+    def _plan(self) -> tuple[int, int]:
+        """Plan the next segment; return the first step and the one after the last."""
+        record, finer = self.record, self.finer
+        every, rows = self.sample_every * finer, self.row_every * finer
+        now = int(record["now"][0])
         # No skip crosses a multiple of this; segments end there, so that recording changes nothing.
         grid = layout.MAX_SKIP * every
-        if now >= self._until:
-            self._until = self._segment_end(now, grid)
+        if now >= self.segment_end:
+            self.segment_end = self._segment_end(now, grid)
             # In the first segments a start that is no rest may decay within less than a sample.
-            decay = float(self._coarse.model.damping.max()) * self._coarse.model.interval
-            self._fine_energy = self.time < self._short and decay > FAST_DECAY
-        if self._phase in (BEFORE_SLIP, MOTION) and self.options.skip_sticks and now * self.step >= self._ramp:
-            tables = skip_tables(solver.model, solver.step, every)
-        last = self._until
+            decay = float(self.coarse.model.damping.max()) * self.coarse.model.interval
+            self._fine_energy = self.time < self.short and decay > FAST_DECAY
+        last = self.segment_end
         if rows:
-            piece = grid * max(MOST_ROWS * rows // grid, 1)
+            piece = grid * max(layout.MOST_ROWS * rows // grid, 1)
             last = min(last, (now // piece + 1) * piece)
         record["last"] = last = min(last, self.pause * finer)
-        record["threshold"] = self._share * self.scene.mu if self._phase == BEFORE_SLIP else np.inf
-        record["until_open"] = self._phase == CLOSED
         record["sample_every"], record["next_sample"] = every, -(-now // every) * every
         energy = 1 if self._fine_energy else every
         record["energy_every"], record["next_energy"] = energy, -(-now // energy) * energy
         record["row_every"], record["next_row"] = rows, -(-now // rows) * rows if rows else layout.NEVER
-        record["may_skip"] = tables is not NONE
-        if tables is NONE:
-            record["next_skip"] = layout.NEVER
-        elif record["contact"] == STICK:
-            # At the next sample at the earliest.
-            due = int(record["next_skip"][0])
-            record["next_skip"] = max(due if due < layout.NEVER else 0, int(record["next_sample"][0]))
         record["stopped"] = record["samples"] = record["rows"] = record["sticks"] = 0
-        step = solver.step
+        step = self.solver.step
         record["stick_room"] = room_for_sticks(now * step, last * step, float(record["least_stick"][0]), step)
-        return tables
+        return now, last
 
     def _segment_end(self, now: int, grid: int) -> int:
-        if self._phase == OPENED:
-            return self._ends
-        if self._phase == CLOSED:
-            return min(now + round(self._short / self._solver.step), self._ends)
-        length = min(max(round(self._length / self.step), 1), MOST_STEPS)
+        if self.phase == OPENED:
+            return self.phase_end
+        if self.phase == CLOSED:
+            return min(now + round(self.short / self.solver.step), self.phase_end)
+        length = min(max(round(self.length / self.step), 1), MOST_STEPS)
         last = (now // grid + (1 if now % grid else max(length // grid, 1))) * grid
-        return min(last, self._ends) if self._phase == RAMP else last
-
-    def _conclude(self, segment: Segment) -> None:
-        """Decide what follows a segment."""
-        record = self.record
-        now, stopped = int(record["now"][0]), bool(record["stopped"][0])
-        opened = not np.isnan(record["first_separation"][0])
-        if (phase := self._phase) == RAMP and now == self._ends:
-            self._end_ramp()
-        elif phase == BEFORE_SLIP and stopped:
-            self._phase = MOTION
-            if not opened and self._fine is not None:
-                self._enter_onset(self._fine)
-        elif phase == CLOSED and (stopped or opened or now >= self._ends):
-            coarse = -(-now // onset.FINER) + round(onset.AFTER / self.step)
-            self._phase, self._ends, self._until = OPENED, coarse * onset.FINER, 0
-        elif phase == OPENED and now >= self._ends:
-            self._leave_onset()
-        if stopped:
-            self._until = 0
-        if now < self._until or {phase, self._phase} & {CLOSED, OPENED}:
-            return
-        settles = phase != RAMP and not stopped and now < self.steps
-        if settles and (steady := self._settled(segment)) is not None:
-            self.segments = chain([segment], self._fill(steady))
-        varies = self._slip_variation(segment) >= self.scene.speed_per_load
-        self._length = self._long if varies else self._short
+        return min(last, self.phase_end) if self.phase == RAMP else last
 
     # The ramp.
 
     def _end_ramp(self) -> None:
         """Stop the acceleration of the clamp, between the impulses of two steps."""
-        self._phase = BEFORE_SLIP if self._refines else MOTION
-        if not self._shift.any():
+        self.phase = BEFORE_SLIP if self._refines else MOTION
+        if not self.shift.any():
             return
-        model, ramp = self.model, self._ramp
-        push = model.inertia * self.scene.speed_per_load / ramp * (ramp - self._ends * self.step)
-        q, v = _move(model, self._shift, push, 0.5 * self.step)
-        before_q, before_v = self._between(self._solver)
-        self.record["work"] += self._ramp_work(before_q + self._shift)
+        model, ramp = self.model, self.ramp
+        push = model.inertia * self.scene.speed_per_load / ramp * (ramp - self.phase_end * self.step)
+        q, v = _move(model, self.shift, push, 0.5 * self.step)
+        before_q, before_v = self.between(self.solver)
+        self.record["work"] += self._ramp_work(before_q + self.shift)
         self.record["work"] += np.sum(push * (before_v + 0.5 * push))
-        self._shift = np.zeros(len(q))
-        self._place(self._row(layout.Q) + q, self._row(layout.V) + v)
+        self.shift = np.zeros(len(q))
+        self.place(self.values(layout.Q) + q, self.values(layout.V) + v)
 
-    # The onset.
-
-    def _enter_onset(self, fine: Solver) -> None:
-        """Go on with more modes and finer steps."""
-        coarse, now = self._coarse, self.now
-        state = onset.prolong(coarse, fine, *self._between(coarse), self._u)
-        self._change_to(fine, state, now * self.step)
-        self.record["now"] = now * onset.FINER
-        self._phase, self._until = CLOSED, 0
-        self._ends = (now + round(onset.LONGEST / self.step)) * onset.FINER
-
-    def _leave_onset(self) -> None:
-        """Go on with the modes and steps of the run."""
-        fine, now, touches = self._solver, self.now, bool(self.record["contact"] != SEPARATION)
-        state = onset.restrict(fine, self._coarse, *self._between(fine), self._u, touches)
-        self._change_to(self._coarse, state, now * self.step)
-        self.record["now"], self._phase, self._until = now, MOTION, 0
-
-    def _between(self, solver: Solver) -> tuple[Array, Array]:
+    def between(self, solver: Solver) -> tuple[Array, Array]:
         """Displacements and velocities half a step ago, between two impulses."""
-        return _move(solver.model, self._row(layout.Q), self._row(layout.V), -0.5 * solver.step)
+        return _move(solver.model, self.values(layout.Q), self.values(layout.V), -0.5 * solver.step)
 
-    def _change_to(self, solver: Solver, state: tuple[Array, Array, Array], t: float) -> None:
+    def change_to(self, solver: Solver, state: tuple[Array, Array, Array], t: float) -> None:
         """Go on with another model and step from modes and u at time t, between two impulses."""
         q, v, u = state
         self._use(solver)
-        self._shift = np.zeros(len(q))
-        self._place(*_move(solver.model, q, v, 0.5 * solver.step))
+        self.shift = np.zeros(len(q))
+        self.place(*_move(solver.model, q, v, 0.5 * solver.step))
         # Stick, if it goes on, holds the surfaces where they are at the next impulse.
-        drive = displacement(np.array(t + 0.5 * solver.step), self.scene.speed_per_load, self._ramp)
+        drive = displacement(np.array(t + 0.5 * solver.step), self.scene.speed_per_load, self.ramp)
         shifted = float(self.record["g_T"][0]) + solver.at_rest[1] - float(drive)
         self.record["u_N"], self.record["u_T"], self.record["anchor"] = *u, u[1] + shifted
-
-    # The end.
-
-    def _slip_variation(self, segment: Segment) -> float:
-        """By how much the slip rate varied at the end of a segment; infinite where the contact does not slide."""
-        # As many whatever the segment's length: a record cuts segments into several.
-        recent = segment.samples[-layout.MAX_SKIP // 4 :, 1]
-        slides = self.record["contact"][0] == SLIP and len(recent) > 1
-        return float(np.ptp(recent)) if slides else np.inf
-
-    def _settled(self, segment: Segment) -> SteadySliding | None:
-        """Steady sliding, if nothing else can follow a segment; a proof is tried only where it looks so."""
-        speed = self.scene.speed_per_load
-        if not (self.may_settle and self._slip_variation(segment) <= NEAR * speed):
-            return None
-        steady = steady_sliding(self.model, self._kinetic, self.step)
-        self.may_settle = steady is not None and steady.decays
-        state = self._row(layout.Q), self._row(layout.V), self._u
-        return steady if steady is not None and steady.is_permanent(*state, speed) else None
-
-    def _fill(self, steady: SteadySliding) -> Iterator[Segment]:
-        """Fill in steady sliding to the end of the run: all its steps count the same."""
-        speed, record, every, step = self.scene.speed_per_load, self.record, self._sample_every, self.step
-        if self.options.until is not None:
-            least = (float(record["settled_from"][0]) + self.options.until.least) / step
-            self.pause = self.steps = min(max(int(np.ceil(least)), self.pause), self.steps)
-        first, last = int(record["now"][0]), self.steps
-        q, v, u = steady.start(speed)
-        self._place(q, v)
-        record["u_N"], record["u_T"] = u
-        velocity, N, T, slip_rate, _ = row = steady.row(speed)
-        sample = [velocity, slip_rate, N, *(float(record[name][0]) for name in SAMPLED_COUNTERS)]
-        settled = int(np.clip(first_counted(record["settled_from"][0], step, 0.5), first, last))
-        if settled > first:
-            for name in SETTLED:
-                record[name] = 0.0
-        if last > settled:
-            record["max_N"] = np.maximum(record["max_N"], N)
-            record["max_slip"] = np.maximum(record["max_slip"], abs(slip_rate))
-        record["sum_N"] += (last - settled) * step * N
-        record["slip_time"] += (last - settled) * step
-        record["work"] += (last - first) * step * T * speed
-        record["friction"] -= (last - first) * step * T * slip_rate
-        model = self.model
-        middle = v + 0.5 * step * (model.normal * (N - 1.0) + model.tangential * T)
-        record["damped"] += (last - first) * step * (model.damping @ middle**2)
-        record["now"] = last
-        begin, rows = -(-first // every), self._row_every
-        count = -(-last // every) - begin
-        for start in range(first, last, MOST_ROWS * rows) if rows else ():
-            end = min(start + MOST_ROWS * rows, last)
-            written = np.empty((count_in(start, end, rows), 6))
-            written[:, 0] = (np.arange(-(-start // rows), -(-end // rows)) * rows + 0.5) * step
-            written[:, 1:] = row
-            yield Segment(np.zeros(0), np.empty((0, SAMPLE)), rows=written)
-        if count > 0:
-            t = np.array([(begin * every + 0.5) * step])
-            yield Segment(t, np.array([sample]), repeated=count - 1)
 
     # Energy.
 
     @property
-    def _u(self) -> Array:
+    def u(self) -> Array:
+        """Gaps of the modes that are not kept, u_N and u_T, after the last step."""
         return np.array([self.record["u_N"][0], self.record["u_T"][0]])
 
     def stored_energy(self) -> float:
         """Energy of the modes about the equilibrium, the springs, the load and the ramp's push, normalised."""
-        q = self._row(layout.Q) + self._shift
-        return self._energy_of(q, self._row(layout.V), self._u) - self._ramp_work(q)
+        q = self.values(layout.Q) + self.shift
+        return self._energy_of(q, self.values(layout.V), self.u) - self._ramp_work(q)
 
     def _ramp_work(self, q: Array) -> float:
         """Work of the accelerating clamp on the inertia of P2 over modal displacements."""
-        return float(np.sum(self.model.stiffness * self._shift * q))
+        return float(np.sum(self.model.stiffness * self.shift * q))
 
     def _energy_of(self, q: Array, v: Array, u: Array) -> float:
-        model, K = self.model, self._solver.contact.stiffness
+        model, K = self.model, self.solver.contact.stiffness
         return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + model.normal @ q + 0.5 * u @ K @ u)
 
     def released_energy(self) -> float:

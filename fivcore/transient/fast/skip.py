@@ -26,11 +26,12 @@ from fivcore.contact.reduced import ReducedModel
 from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.jit import Array, called, reordered_call
 from fivcore.transient.fast import layout
+from fivcore.transient.fast.onset import BEFORE_SLIP, MOTION
 from fivcore.transient.fast.solver import places_of
 from fivcore.transient.statistics import STICK
 
 # Largest error of the eigenvectors, and smallest |z|, by which outputs of the step before are divided.
-ACCURATE, LEAST = 1e-10, 1e-3
+ACCURATE, LEAST_EIGENVALUE = 1e-10, 1e-3
 # Eigenvalues and modes come in so many, that vector registers are full; empty places have zero amplitude.
 EIGHT = 8
 # Samples that are evaluated together.
@@ -74,20 +75,20 @@ class SkipTables(NamedTuple):
 
 
 # Tables of a run without skips.
-_NONE: dict[str, Any] = {name: np.zeros((0, 0)) for name in SkipTables._fields}
-NONE = SkipTables(**_NONE | {"logarithm": np.zeros(0), "numbers": np.zeros(0, dtype=np.int64)})
+_EMPTY: dict[str, Any] = {name: np.zeros((0, 0)) for name in SkipTables._fields}
+NO_TABLES = SkipTables(**_EMPTY | {"logarithm": np.zeros(0), "numbers": np.zeros(0, dtype=np.int64)})
 
 
 @lru_cache(maxsize=64)
 @one_blas_thread()
 def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTables:
-    """Tables of a skip, samples being `sample_every` steps apart; NONE where stick has no decaying eigenvectors.
+    """Tables of a skip, `sample_every` steps between samples; NO_TABLES where stick has no decaying eigenvectors.
 
     They are the same whatever mu, V and F. In rigid contact there are none: forces alone do not tell stick and
     its end apart.
     """
     if not model.K.any():
-        return NONE
+        return NO_TABLES
     contact, gaps, size = model.discrete(step), model.shapes, len(model.normal)
     stick, dissipation, mobility = step_map(model, step), model.dissipation(contact), contact.delassus
     try:
@@ -98,9 +99,9 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
         behind = np.linalg.solve(still, steady)
         dashpot = np.linalg.cholesky(dissipation).T if dissipation.any() else np.zeros((2, 2))
     except np.linalg.LinAlgError:
-        return NONE
-    if not error < ACCURATE or not np.abs(z).max() < 1.0 or not np.abs(z).min() > LEAST:
-        return NONE
+        return NO_TABLES
+    if not error < ACCURATE or not np.abs(z).max() < 1.0 or not np.abs(z).min() > LEAST_EIGENVALUE:
+        return NO_TABLES
     # One of each conjugate pair, counted twice; empty places have no amplitude.
     kept = np.flatnonzero(z.imag >= 0.0)
     empty = ((0, -len(kept) % EIGHT), (0, 0))
@@ -180,6 +181,22 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     )
     whole: Any = (np.ascontiguousarray(table) for table in tables)
     return SkipTables(*whole)
+
+
+def prepare(run: Any) -> SkipTables:
+    """Let the next segment skip quiet stick, if it is the run's own model that moves at constant drive."""
+    record, tables = run.record, NO_TABLES
+    moves = run.phase in (BEFORE_SLIP, MOTION) and run.now * run.step >= run.ramp
+    if moves and run.options.skip_sticks:
+        tables = skip_tables(run.solver.model, run.solver.step, int(record["sample_every"][0]))
+    record["may_skip"] = tables is not NO_TABLES
+    if tables is NO_TABLES:
+        record["next_skip"] = layout.NEVER
+    elif record["contact"] == STICK:
+        # At the next sample at the earliest.
+        due = int(record["next_skip"][0])
+        record["next_skip"] = max(due if due < layout.NEVER else 0, int(record["next_sample"][0]))
+    return tables
 
 
 def workspace_for(tables: SkipTables) -> tuple[Array, ...]:

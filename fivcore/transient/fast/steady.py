@@ -24,9 +24,9 @@ from fivcore.transient.statistics import SLIP
 # A run ends where N, in units of F, and speeds, in units of V, stay so close to steady sliding: nine decades below
 # what could end slip. Rounding (1e-16 a step, over at most 1 / LEAST_DECAY steps) is therefore left out. With the
 # paper's rig at V / F below some 1e-5 m/s/N it exceeds the tolerance; such a run takes every step.
-TOLERANCE = 1e-9
+STEADY_TOLERANCE = 1e-9
 # Variation of the slip rate (units of V) below which a proof is tried; the least that a mode must lose in a step.
-NEAR, LEAST_DECAY = 10.0 * TOLERANCE, 1e-9
+NEARLY_STEADY, LEAST_DECAY = 10.0 * STEADY_TOLERANCE, 1e-9
 # Readings: those of a record, penetration, and behind them T that stick would need and its excess over mu N.
 VELOCITY, NORMAL, TANGENTIAL, SLIP_RATE, PENETRATION = range(5)
 
@@ -82,7 +82,7 @@ class SteadySliding:
         return np.asarray(self._weights @ (parts + self._share * parts.max()))
 
     def is_permanent(self, q: Array, v: Array, u: Array, speed: float) -> bool:
-        """Whether slip never ends from here on and stays within `TOLERANCE` of steady sliding at V = `speed`.
+        """Whether slip lasts from here on, within STEADY_TOLERANCE of steady sliding at V = `speed`.
 
         q and v, (n,), are those before an impulse in slip, u, (2,), is that after the last step.
         """
@@ -91,7 +91,8 @@ class SteadySliding:
         bound[PENETRATION] = (1.0 + self._left) * max(bound[PENETRATION], abs(u[0] - least[PENETRATION]))
         least[PENETRATION] *= 1.0 - self._left
         # In slip T is mu N.
-        least[:PENETRATION] = TOLERANCE * speed, min(TOLERANCE, least[NORMAL]), np.inf, TOLERANCE * speed
+        rate = STEADY_TOLERANCE * speed
+        least[:PENETRATION] = rate, min(STEADY_TOLERANCE, least[NORMAL]), np.inf, rate
         return self.decays and bool(np.all(bound < least))
 
 
