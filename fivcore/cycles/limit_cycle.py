@@ -173,7 +173,7 @@ def limit_cycle(scene: Scene, guess: Any = None, *, options: Options | None = No
     UnsolvedError
         Where nothing near the guess repeats itself, or Newton's method does not converge.
     """
-    duration = keywords.pop("duration", 0.5 * scene.rig.time_unit)
+    duration = keywords.pop("duration", 0.5 * scene.rig.time_scale)
     if isinstance(guess, LimitCycle) and options is None and not keywords:
         options = guess.flow.options
     given = options_of(options, keywords)

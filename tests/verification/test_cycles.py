@@ -35,7 +35,7 @@ def of_belt(V, law, xi=0.0):
 
 
 def of_run(scene, duration):
-    return limit_cycle(scene, simulate(scene, duration * scene.rig.time_unit).final_state)
+    return limit_cycle(scene, simulate(scene, duration * scene.rig.time_scale).final_state)
 
 
 @pytest.mark.parametrize("V", [0.2, 0.05, 0.1, 0.4, 0.8])
@@ -222,7 +222,7 @@ def drawn(seed):
 def periodic(seed):
     """Scenes of these whose runs are periodic, with the run."""
     for scene in drawn(seed):
-        run = simulate(scene, 2.0 * scene.rig.time_unit)
+        run = simulate(scene, 2.0 * scene.rig.time_scale)
         if run.summary["regime"] == "periodic" and run.summary["periodicity"] > 0.999:
             yield scene, run
 
