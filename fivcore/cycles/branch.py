@@ -293,12 +293,12 @@ def inner_margin(flow: Flow, segment: Segment, k: int) -> float:
     times, z = flow.samples(segment.status, segment.start, segment.time)
     if segment.event == PLANE:
         z = np.column_stack([z, z[:, 1:]])
-    y = flow.along(segment.status, z)[:, k]
+    y = flow.along(segment.status, z)[k]
     found, size = minima(y), float(np.abs(y).max())
     if not len(found):
         return min(y[1], y[-2]) / size
     i = found[np.argmin(y[found])]
-    fine = flow.along(segment.status, flow.samples(segment.status, z[:, i - 1], 2.0 * times[1])[1])[:, k]
+    fine = flow.along(segment.status, flow.samples(segment.status, z[:, i - 1], 2.0 * times[1])[1])[k]
     if not len(j := minima(fine)):
         return float(y[i]) / size
     rise, bend = 0.5 * (fine[j + 1] - fine[j - 1]), fine[j + 1] - 2.0 * fine[j] + fine[j - 1]

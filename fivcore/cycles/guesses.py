@@ -14,11 +14,11 @@ from fivcore.cycles.shooting import plane_at
 from fivcore.errors import InputError, UnsolvedError
 from fivcore.jit import Array
 from fivcore.rig import Scene
-from fivcore.transient.exact_kernels import SLIP_DOWN, SLIP_UP
+from fivcore.transient.exact_kernels import SLIP_UP
 from fivcore.transient.normalised import State
 from fivcore.transient.options import Options
 from fivcore.transient.simulate import simulate_many
-from fivcore.transient.statistics import SEPARATION, STICK
+from fivcore.transient.statistics import STICK
 
 # Events that a trace follows, and most of them in a period.
 EVENTS, MOST = 300, 80
@@ -35,19 +35,6 @@ WINDOW, QUIET, SETTLED, WINDOWS, PAIRS = 4.0, 0.2, 0.3, 40, 3
 BEFORE = 0.7
 
 
-def status_of(flow: Flow, contact: int, z: Array) -> int:
-    """Contact status of a state, with the sense of slip."""
-    slips = [each for each in (SLIP_UP, SLIP_DOWN) if flow.margins(each, z)[0][1] > 0.0]
-    return contact if contact <= STICK else slips[0] if slips else STICK
-
-
-def closed_gap(flow: Flow, status: int, z: Array) -> Array:
-    """A state whose gaps and rates are those of its status."""
-    return (
-        z if status == SEPARATION else np.asarray(flow.entry(STICK if status == STICK else SLIP_UP, status, z) @ z)
-    )
-
-
 def traced(
     flow: Flow, z: Array, status: int, span: float, plane: Array | None = None, about: float | None = None
 ) -> list[Segment]:
@@ -55,13 +42,11 @@ def traced(
     segments: list[Segment] = []
     t, closest = 0.0, np.inf
     while len(segments) < EVENTS and t < span and closest > CLOSE:
-        event, time, end = flow.to_event(status, z, span - t, plane)
-        if not np.isfinite(time):
+        if (found := flow.to_event(status, z, span - t, plane)) is None:
             break
-        segments.append(Segment(status, event, time, z))
-        t += time
-        after = status if event == PLANE else flow.following(status, event, end)
-        z, status = (end if event == PLANE else flow.entry(status, after, end) @ end), after
+        segment, status, z = found
+        segments.append(segment)
+        t += segment.time
         same = [each.start for each in segments[1:] if each.status == status] if about is None else []
         closest = min([float(np.linalg.norm(z - each) / flow.size(z)) for each in same], default=np.inf)
     return [*segments, Segment(status, PLANE, 0.0, z)]
@@ -108,12 +93,7 @@ def guesses_of(scene: Scene, flow: Flow, guess: Any, options: Options, duration:
 
 def from_state(flow: Flow, state: Any, about: float | None = None) -> list[Guess]:
     """From a state of the scene, in its own units, and near a period, s."""
-    load = flow.scene.load
-    own = State(state.displacement / load, state.velocity / load, state.contact)
-    z = flow.of_state(own)
-    status = status_of(flow, own.contact, z)
-    span = 1e5 * flow.grid if about is None else 30.0 * about
-    return recurrent(flow, status, closed_gap(flow, status, z), span=span, about=about)
+    return recurrent(flow, *flow.of_state(state), span=1e5 * flow.grid if about is None else 30.0 * about, about=about)
 
 
 def motion(scene: Scene, duration: float, options: Options) -> Any:
@@ -172,16 +152,17 @@ def of_mode(flow: Flow, amplitude: float) -> list[Guess]:
     """Steady sliding and the mode of it that grows most, with an amplitude of the velocity of B, m/s."""
     status, z = SLIP_UP, np.eye(len(flow.velocity_B))[-1]
     for _ in range(50):
-        rate, derivative = flow.field(status, z)
-        change = np.linalg.lstsq(derivative[:-1, :-1], rate[:-1], rcond=1e-14)[0]
+        field = flow.field(status, z)
+        change = np.linalg.lstsq(field[:-1, :-1], (field @ z)[:-1], rcond=1e-14)[0]
         z[:-1] -= change
         if np.linalg.norm(change) <= 1e-12 * flow.size(z):
             break
-    values, vectors = np.linalg.eig(flow.field(status, z)[1][:-1, :-1])
+    values, vectors = np.linalg.eig(flow.field(status, z)[:-1, :-1])
     vibrates = np.flatnonzero(values.imag > 0.0)
     mode = vectors[:, vibrates[np.argmax(values[vibrates].real)]]
     z[:-1] += (amplitude / flow.scene.load * mode / abs(flow.velocity_B[:-1] @ mode)).real
-    return recurrent(flow, status, closed_gap(flow, status, z), span=1e5 * flow.grid)
+    z[:-1] = (flow.entry(STICK, status, z) @ z)[:-1]
+    return recurrent(flow, status, z, span=1e5 * flow.grid)
 
 
 def on_edge(scene: Scene, ends: tuple[State, State], options: Options, duration: float) -> tuple[State, float]:

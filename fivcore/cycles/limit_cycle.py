@@ -81,8 +81,8 @@ class LimitCycle:
         scene, parts, begun = self.flow.scene, [], 0.0
         for each in self.segments:
             times, z = self.flow.samples(each.status, each.start, each.time)
-            laws = np.array([self.flow.law(each.status, one)[0] for one in z.T])
-            rows = [self.flow.velocity_B @ z, laws[:, N], laws[:, T], laws[:, SLIP_RATE]]
+            laws = np.transpose([self.flow.law(each.status, one)[[N, T, SLIP_RATE]] @ one for one in z.T])
+            rows = [self.flow.velocity_B @ z, *laws]
             parts.append(np.vstack([begun + times, *rows, np.full(len(times), min(each.status, SLIP))]))
             begun += each.time
         series = np.hstack(parts)
@@ -245,4 +245,4 @@ def least_margins(flow: Flow, segment: Segment) -> list[float]:
     """Least value of each margin within a segment, between samples by parabolas, in units of its largest."""
     _, z = flow.samples(segment.status, segment.start, segment.time)
     values = flow.along(segment.status, z)
-    return [float(row.min() / max(np.abs(row).max(), 1e-300)) for row in values.T]
+    return [float(row.min() / max(np.abs(row).max(), 1e-300)) for row in values]

@@ -47,7 +47,7 @@ class Linear:
 
 def plane_at(flow: Flow, segment: Segment) -> Array:
     """The plane through the start of a segment, across the motion, (m + 1,)."""
-    row = flow.field(segment.status, segment.start)[0]
+    row = flow.field(segment.status, segment.start) @ segment.start
     row /= np.linalg.norm(row)
     row[-1] = -(row[:-1] @ segment.start[:-1])
     return row
@@ -63,9 +63,8 @@ def linearised(
     maps, offsets, times, delays = [np.eye(size)], [np.zeros((size, 1 + (beside is not None)))], [], []
     for each, after in zip(segments, segments[1:] + segments[:1], strict=True):
         end, tangent = flow.over(each.status, each.start, each.time)
-        value, row = flow.margin(each.status, each.event, end, plane)
-        field = flow.field(each.status, end)[0]
-        slope, E = float(row @ field), flow.entry(each.status, after.status, end)
+        row, rate = flow.margin(each.status, each.event, end, plane), flow.field(each.status, end) @ end
+        value, slope, E = float(row @ end), float(row @ rate), flow.entry(each.status, after.status, end)
         missed = E @ end - after.start
         worst = max(
             worst, float(np.linalg.norm(missed)) / scale, abs(value / slope) / sum(s.time for s in segments)
@@ -73,11 +72,12 @@ def linearised(
         gaps, values = missed[:, None], np.array([value])
         if beside is not None:
             other = beside.over(each.status, each.start, each.time, tangent=False)[0]
-            rate = (beside.entry(each.status, after.status, other) @ other - E @ end) / change
-            gaps = np.column_stack([missed, rate])
-            values = np.append(value, (beside.margin(each.status, each.event, other, plane)[0] - value) / change)
+            moves = (beside.entry(each.status, after.status, other) @ other - E @ end) / change
+            gaps = np.column_stack([missed, moves])
+            rises = beside.margin(each.status, each.event, other, plane) @ other - value
+            values = np.append(value, rises / change)
         delay = -values / slope
-        jump, offset = E @ (tangent - np.outer(field, row @ tangent) / slope), gaps + np.outer(E @ field, delay)
+        jump, offset = E @ (tangent - np.outer(rate, row @ tangent) / slope), gaps + np.outer(E @ rate, delay)
         times.append(-(row @ tangent) / slope @ maps[-1])
         delays.append(delay - (row @ tangent) / slope @ offsets[-1])
         maps, offsets = [*maps, jump @ maps[-1]], [*offsets, jump @ offsets[-1] + offset]

@@ -64,7 +64,7 @@ class ExactRun(SteppedRun):
 
     READ_AT = 0.5
     # Present status, the time at which it began, and that up to which events are not acted on, s.
-    _which, _origin, _deaf = STICK, 0.0, 0.0
+    which, _origin, _deaf = STICK, 0.0, 0.0
 
     def __init__(self, scene: Normalised, options: RunOptions) -> None:
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
@@ -86,19 +86,19 @@ class ExactRun(SteppedRun):
         step = READING_STEP * unit if options.step is None else options.step
         super().__init__(scene, options, step, round(SEGMENT * unit / step), kernels.SCENE)
         self._dwell = dwell = DWELL * unit
-        self._slipping, self._law, self.held = ratio * scene.mu, (scene.mu, *scene.friction.law), 0
+        self.slipping, self._law, self.held = ratio * scene.mu, (scene.mu, *scene.friction.law), 0
         modes = (model.stiffness, model.damping, model.shapes, model.inertia, model.output)
         inverse = model.W if self.rigid else np.linalg.inv(model.C)
-        self._system = (*modes, model.K, model.C, inverse, self._law)
+        self.system = (*modes, model.K, model.C, inverse, self._law)
         n = len(model.stiffness)
-        constant = (*self._system[:-1], (self._slipping, 1.0, 0.0, 0.0))
+        constant = (*self.system[:-1], (self.slipping, 1.0, 0.0, 0.0))
         if max(growth(constant, 2 * n + 6, which) for which in (SLIP_UP, SLIP_DOWN)) * dwell > MOST_GROWTH:
             raise ContactError(
                 f"{not_unique(scene.mu, limit)}, and so close to it slip grows by more"
                 f" than e^{MOST_GROWTH:g} within {dwell:g} s, which is not resolved"
             )
         # z, time, next step and index of the next reading.
-        self._motion = np.concatenate([np.zeros(2 * n + 6), [0.0, step, 0.0]])
+        self.motion = np.concatenate([np.zeros(2 * n + 6), [0.0, step, 0.0]])
         # The full state is (q, v, u_N, u_T), q as deviations from `ReducedModel.static_equilibrium`.
         initial, y = options.initial, np.zeros(2 * n + 2)
         self._gaps_at_rest = np.zeros(2) if self.rigid else np.linalg.solve(model.K, [1.0, 0.0])
@@ -120,7 +120,7 @@ class ExactRun(SteppedRun):
     def state(self) -> tuple[Array, Array, Array]:
         """Displacements from rest and velocities of the modes, and the gaps of the others."""
         n = len(self.model.stiffness)
-        q, v, u = np.split(self._motion[: 2 * n + 2].copy(), [n, 2 * n])
+        q, v, u = np.split(self.motion[: 2 * n + 2].copy(), [n, 2 * n])
         return q, v, u + self._gaps_at_rest
 
     def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
@@ -129,41 +129,41 @@ class ExactRun(SteppedRun):
 
     def _go(self, goal: float, samples: Array, rows: Array, sticks: Array) -> None:
         """Follow the motion up to the time `goal`."""
-        while (t := float(self._motion[-3])) < goal:
+        while (t := float(self.motion[-3])) < goal:
             boundary, acceleration = self._drive(t)
-            before = self._motion[-7:-3].copy()
+            before = self.motion[-7:-3].copy()
             deaf, drive = (
                 self._deaf > t,
                 np.array([0.0, 0.0 if acceleration else self._clamp_velocity(t), acceleration]),
             )
             end = min(goal, boundary, self._deaf if deaf else goal)
             event = kernels.follow(
-                self._motion, self._which, self._origin, end, not deaf, self._system, drive, self._zeros,
+                self.motion, self.which, self._origin, end, not deaf, self.system, drive, self.zeros,
                 self.step, self.record, samples, rows, sticks,
             )  # fmt: skip
-            t, y = float(self._motion[-3]), self._motion[:-7].copy()
-            for name, gained in zip(ENERGIES, self._motion[-7:-3] - before, strict=False):
+            t, y = float(self.motion[-3]), self.motion[:-7].copy()
+            for name, gained in zip(ENERGIES, self.motion[-7:-3] - before, strict=False):
                 self.record[name] += gained
             if event > NOTHING and t - self._origin < self._dwell:
                 self._deaf = self._origin + self._dwell
                 self.held += 1
             elif event > NOTHING:
-                self._next_status(t, event, y)
-            elif event == kernels.NO_STEP and (self._which < SLIP_UP or self.scene.friction.constant):
+                self.next_status(t, event, y)
+            elif event == kernels.NO_STEP and (self.which < SLIP_UP or self.scene.friction.constant):
                 raise DivergenceError(f"the motion has blown up at t = {t:.6g} s")
             elif event < NOTHING:
-                self._check(float(self._motion[-2]), 0.0)
+                self.check(float(self.motion[-2]), 0.0)
             elif t == self._deaf or (self.rigid and t == self._ramp):
-                self._decide(t, y, self._which)
+                self._decide(t, y, self.which)
 
-    def _enter(self, t: float, which: int, y: Array) -> None:
+    def enter(self, t: float, which: int, y: Array) -> None:
         """Begin a contact status at time `t` in the full state `y`."""
         model, (q, v, u) = self.model, np.split(y, [len(self.model.stiffness), 2 * len(self.model.stiffness)])
         if not np.isfinite(y).all():
             raise DivergenceError(f"the motion has blown up at t = {t:.6g} s")
         if which == STICK and not self.rigid:
             (N, _), C, law = self._sticking_force(t, y), model.C, self.scene.friction
-            self._check(N, C[1, 1] - self.scene.mu * (abs(C[0, 1]) - law.slope(0.0) * N))
+            self.check(N, C[1, 1] - self.scene.mu * (abs(C[0, 1]) - law.slope(0.0) * N))
         omega = np.sqrt(np.where(model.stiffness > 0.0, model.stiffness, model.stiffness.max()))
         # Root of the energy; at rest, that of the fastest mode under a unit force.
         energy = np.sum(v**2 + model.stiffness * q**2) + u @ model.K @ u
@@ -172,26 +172,26 @@ class ExactRun(SteppedRun):
         gap = np.abs(model.normal * q).sum() + abs(u[0]) + 1e-300
         springs = np.ones(2) if self.rigid else np.diag(model.K) ** -0.5
         margins = np.array([10.0, 10.0 * speed, 0.1 * gap])
-        self._zeros = ZERO * np.concatenate([margins, size / omega, size + 0.0 * v, size * springs, 4 * [size**2]])
-        self._which, self._origin, self._deaf = which, t, 0.0
-        self._motion[:-7], self._motion[-3] = y, t
+        self.zeros = ZERO * np.concatenate([margins, size / omega, size + 0.0 * v, size * springs, 4 * [size**2]])
+        self.which, self._origin, self._deaf = which, t, 0.0
+        self.motion[:-7], self.motion[-3] = y, t
 
-    def _next_status(self, t: float, event: int, y: Array) -> None:
+    def next_status(self, t: float, event: int, y: Array) -> None:
         """Enter the status that follows the event that ends the present one; in contact event 0 is N = 0."""
-        which = self._which
+        which = self.which
         if which == SEPARATION:
             self._decide(t, y, which, touchdown=True)
         elif event == 0:
-            self._enter(t, SEPARATION, y)
-        elif self._slipping < self.scene.mu and not (self.rigid and which >= SLIP_UP):
+            self.enter(t, SEPARATION, y)
+        elif self.slipping < self.scene.mu and not (self.rigid and which >= SLIP_UP):
             # T jumps as slip begins, and is well within the cone where it ends.
             self._decide(t, y, SLIP_UP if which == STICK else STICK, even=True)
         elif which == STICK:
-            self._enter(t, SLIP_UP if event == 1 else SLIP_DOWN, y)
+            self.enter(t, SLIP_UP if event == 1 else SLIP_DOWN, y)
         elif self.rigid:
             self._decide(t, y, which, even=True)
         else:
-            self._enter(t, STICK, y)
+            self.enter(t, STICK, y)
 
     def _decide(self, t: float, y: Array, was: int, touchdown: bool = False, even: bool = False) -> None:
         """Enter the status that the state alone demands (`fivcore.contact.law`).
@@ -200,29 +200,29 @@ class ExactRun(SteppedRun):
         """
         g_N, energy = self.model.normal @ y[: len(self.model.stiffness)], self._energy_of(y)
         if was == SEPARATION and g_N + y[-2] > 0.0 and not touchdown:
-            self._enter(t, SEPARATION, y)
+            self.enter(t, SEPARATION, y)
             return
         slip_rate = 0.0
         if self.rigid:
             opens, slip_rate = self._close(t, y, SEPARATION if touchdown else was, even)
             self.record["impact"] += energy - self._energy_of(y)
             if opens:
-                self._enter(t, SEPARATION, y)
+                self.enter(t, SEPARATION, y)
                 return
         N, T = self._sticking_force(t, y)
         up = slip_rate < 0.0 if slip_rate else T > 0.0
         # A slipping contact sticks only where kinetic friction holds it.
-        most = self.scene.mu if was == STICK else self._slipping
+        most = self.scene.mu if was == STICK else self.slipping
         sticks = slip_rate == 0.0 and N > 0.0 and abs(T) <= most * N
         if not sticks and self._slipping_force(N, T, up, slip_rate) <= 0.0:
-            self._enter(t, SEPARATION, y)
+            self.enter(t, SEPARATION, y)
             return
         if not self.rigid:
             # Contact is entered with a u_N of its own, which is not yet that of the gap.
             y[-2] = -g_N
             self.record["impact"] += energy - self._energy_of(y)
         which = STICK if sticks else SLIP_UP if up else SLIP_DOWN
-        self._enter(t, which, y)
+        self.enter(t, which, y)
 
     def _close(self, t: float, y: Array, was: int, even: bool) -> tuple[bool, float]:
         """Close the gap of rigid surfaces in the state `y`; return whether they part, and the slip rate."""
@@ -263,7 +263,7 @@ class ExactRun(SteppedRun):
             return slipping_force(N, T, m, self._resistance)
         return float(N - sense * self.model.C[0, 1] * kernels.sliding(N, T, self.model.C, self._law, sense)[0])
 
-    def _check(self, N: float, slack: float) -> None:
+    def check(self, N: float, slack: float) -> None:
         """Raise an error where the slip rate is not unique: T - s mu N does not rise with u_T'."""
         if not slack > 0.0:
             scene, C, law = self.scene, self.model.C, self.scene.friction
@@ -297,11 +297,11 @@ class ExactRun(SteppedRun):
 
     def stored_energy(self) -> float:
         """Energy of the modes about the equilibrium, the springs and the load, normalised."""
-        return self._energy_of(self._motion[:-7])
+        return self._energy_of(self.motion[:-7])
 
     def flush(self, floor: float) -> bool:
         """Set what is below `floor` to zero; False where the state is not finite."""
-        y = self._motion[:-7]
+        y = self.motion[:-7]
         y[np.abs(y) < floor] = 0.0
         return bool(np.isfinite(y).all())
 
@@ -342,5 +342,5 @@ def states_at(
     states, nowhere = [], (np.empty((1, SAMPLE)), np.empty((1, 6)), np.empty((1, 2)))
     for t in times:
         run._go(float(t), *nowhere)
-        states.append(run._motion[:-7].copy())
+        states.append(run.motion[:-7].copy())
     return np.stack(states)

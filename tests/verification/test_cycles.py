@@ -161,11 +161,11 @@ def test_a_perturbation_grows_in_a_run_as_the_multiplier_says():
         end = simulate(
             scene, periods * found.period, initial=start, step=step, skip_sticks=False, end_early=False
         ).final_state
-        return flow.of_state(State(end.displacement / scene.F, end.velocity / scene.F, end.contact))
+        return flow.of_state(end)[1]
 
     grown = after(first.start + deviation) - after(first.start)
     # The run ends at a time, not at the event: along the motion there is a shift.
-    parts = np.column_stack([deviation, flow.field(first.status, first.start)[0]])
+    parts = np.column_stack([deviation, flow.field(first.status, first.start) @ first.start])
     growth = np.linalg.lstsq(parts / np.linalg.norm(parts, axis=0), grown, rcond=None)[0][0] / np.linalg.norm(
         deviation
     )
