@@ -20,13 +20,14 @@ from fivcore.cycles import guesses, shooting
 from fivcore.cycles.flow import PLANE, Flow, Segment
 from fivcore.cycles.limit_cycle import STATUSES, LimitCycle, closed, flow_of, made, violation
 from fivcore.errors import InputError, SceneError, UnsolvedError
-from fivcore.friction import FRICTION_PARAMETERS
 from fivcore.jit import Array
 from fivcore.rig import BEAM_PARAMETERS, PAPER, RIG_PARAMETERS, Rig, Scene
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 
 # First, least and largest step and iterations of the corrector; relative change of a parameter for a derivative.
 FIRST, LEAST, LARGEST, ITERATIONS, CHANGE = 0.01, 1e-6, 0.1, 10, 1e-6
+# How far a status that vanishes may be followed back in time, in units of the flow's grid.
+BACKWARDS = 40.0
 # Change of the amplitude that a new order of statuses may make; step before a graze from which on it is sought.
 NEAR, NEAREST = 0.2, 1e-4
 
@@ -97,6 +98,8 @@ class _Follower:
         """The point after a step along the tangent, and how many iterations it took; None without convergence."""
         cycle, change = point.cycle, length * point.tangent[-1]
         segments = shooting.moved(cycle.segments, point.linear, length * point.start, change, np.inf)
+        if min(each.time for each in segments) < -BACKWARDS * cycle.flow.grid:
+            return None
         value, begun = point.value + self.span * change, stacked(cycle.segments)
         for iteration in range(ITERATIONS):
             try:
@@ -116,6 +119,9 @@ class _Follower:
             start, change = bordered(linear, point.tangent, length - float(point.tangent @ gone))
             segments = shooting.moved(segments, linear, start, change, np.inf)
             value += self.span * change
+            # Backwards in time what decays grows without bounds.
+            if min(each.time for each in segments) < -BACKWARDS * cycle.flow.grid:
+                return None
         return None
 
     def located(self, point: _Point, length: float, measure: Callable[[_Point], float]) -> _Point:
@@ -164,28 +170,24 @@ def bordered(linear: shooting.Linear, tangent: Array, along: float, closing: boo
     return found[:-1], float(found[-1])
 
 
+def numbers_of(scene: Scene) -> dict[str, float]:
+    """The numbers of a scene, of its friction and of its rig that a cycle can be followed over, by name."""
+    rig = scene.rig
+    found = {name: getattr(scene, name) for name in ("V", "theta", "mu", "F")}
+    found |= {name: getattr(scene.friction, name) for name in ("kinetic_ratio", "decay_speed")}
+    if isinstance(rig, Rig):
+        found |= {name: getattr(rig, name) for name in RIG_PARAMETERS}
+        found |= {f"{beam}_{name}": getattr(getattr(rig, beam), name) for beam in PAPER for name in BEAM_PARAMETERS}
+    return {name: value for name, value in found.items() if isinstance(value, float)}
+
+
 def with_value(scene: Scene, name: str, value: float) -> Scene:
-    """The scene with another value of V, theta, mu, F, a number of its friction or of its rig."""
-    change: dict[str, Any] = {name: value}
-    (beam, _, field), rig = name.partition("_"), scene.rig
-    if name in ("V", "theta", "mu", "F"):
-        return replace(scene, **change)
-    if name in FRICTION_PARAMETERS:
-        return replace(scene, friction=replace(scene.friction, **change))
-    if isinstance(rig, Rig) and beam in PAPER and field in BEAM_PARAMETERS:
-        name, change = beam, {beam: replace(getattr(rig, beam), **{field: value})}
-    if not isinstance(rig, Rig) or name not in (*PAPER, *RIG_PARAMETERS):
-        names = ", ".join(("V", "theta", "mu", "F", *FRICTION_PARAMETERS))
-        raise InputError(f"parameter = {name!r}: it must be one of {names} or a number of a rig")
-    return replace(scene, rig=replace(rig, **change))
-
-
-def value_of(scene: Scene, name: str) -> float:
-    """The value of a parameter (`with_value`)."""
-    beam, _, field = name.partition("_")
-    holders = (scene, scene.friction, scene.rig)
-    own = [getattr(each, name) for each in holders if hasattr(each, name)]
-    return float(own[0] if own else getattr(getattr(scene.rig, beam, None), field, np.nan))
+    """The scene with another value of one of `numbers_of`."""
+    if hasattr(scene, name):
+        return replace(scene, **{name: value})
+    if hasattr(scene.friction, name):
+        return replace(scene, friction=replace(scene.friction, **{name: value}))
+    return replace(scene, rig=Rig.of(**vars(scene.rig) | {name: value}))
 
 
 @one_blas_thread()
@@ -211,7 +213,9 @@ def follow_cycle(cycle: LimitCycle, parameter: str, until: float, *, most: int =
     ValueError
         For a parameter that there is not, or a value that is that of the start.
     """
-    start = value_of(cycle.scene, parameter)
+    numbers = numbers_of(cycle.scene)
+    checks.choice("parameter", parameter, tuple(numbers))
+    start = numbers[parameter]
     span = abs(checks.number("until", until, "another value than the start's", lambda x: x != start) - start)
     way = _Follower(parameter, span)
     points, places, length, end = [way.point(cycle, start, sense(cycle, until - start))], list[Place](), FIRST, ""

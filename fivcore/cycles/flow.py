@@ -236,18 +236,17 @@ class Flow:
             E[2 * n] -= self._gap
         else:
             E[:n] -= np.outer(model.normal / W[0, 0], self._gap)
-            stick, m = resistance(W) @ self._rates, 0.0
-            sticks = status == STICK
+            stick, m, sticks = resistance(W) @ self._rates, 0.0, status == STICK
             if was == SEPARATION:
-                # Of the impulse by which the surfaces stick.
+                # By the impulse with which the surfaces stick.
                 normal, tangential = -stick @ np.append(z[:-1] / self.units, 1.0)
-                sticks = abs(tangential) <= self.run.slipping * normal
                 m = float(np.copysign(self.run.slipping, tangential))
-            if m and not sticks and not self.scene.friction.constant:
-                raise SceneValueError(
-                    "friction: it falls with the speed and the rigid contact opens; limit cycles need a constant"
-                    " coefficient in impacts, or a structure with a compliant contact"
-                )
+                sticks = abs(tangential) <= abs(m) * normal
+                if not (sticks or self.scene.friction.constant):
+                    raise SceneValueError(
+                        "friction: it falls with the speed and the rigid contact opens; limit cycles need a constant"
+                        " coefficient in impacts, or a structure with a compliant contact"
+                    )
             slides = np.outer((model.normal + m * model.tangential) / (W[0, 0] + m * W[0, 1]), self._rates[0])
             E[n : 2 * n] -= model.shapes.T @ stick if sticks else slides
         units = np.append(self.units, 1.0)

@@ -108,7 +108,8 @@ def solve(flow: Flow, segments: list[Segment], plane: Array) -> tuple[list[Segme
             return best if best[1].residual < linear.residual else (segments, linear)
         if linear.residual < CLOSED:
             best = segments, linear
-        if not np.isfinite(linear.residual) or linear.residual > 1e6:
+        # A cycle that shrinks to nothing is none.
+        if not linear.residual < 1e6 or sum(each.time for each in segments) < flow.grid:
             return None
         step: Any = np.linalg.lstsq(
             np.eye(len(linear.monodromy)) - linear.monodromy, linear.offsets[-1][:-1, 0], 1e-14

@@ -235,7 +235,7 @@ class ExactRun(SteppedRun):
             if rates[0] > zero[0]:
                 return True, 0.0
             N, T = -self._resistance @ rates
-            m = self._impact_mu(rates, T > 0.0)
+            m = self.impact_mu(rates, T > 0.0)
             even = abs(T) <= m * N
             N = N if even else slipping_force(N, T, m if T > 0.0 else -m, self._resistance)
             impulse = np.array([N, T if even else np.copysign(m * N, T)])
@@ -273,8 +273,11 @@ class ExactRun(SteppedRun):
                 f" N = {N * scene.load:.3g} N; it must be above {least * scene.load:.3g} m/s, or 0 for a jump"
             )
 
-    def _impact_mu(self, rates: Array, up: bool) -> float:
+    def impact_mu(self, rates: Array, up: bool) -> float:
         """Coefficient of friction in an impact with T > 0 (`up`) or T < 0, from the gaps' rates before it."""
+        if self.scene.friction.constant:
+            # As where slip ends: kinetic friction has to hold what sticks.
+            return self.slipping
         sense, law = 1.0 if up else -1.0, DiscreteContact(np.zeros((2, 2)), 0.0, 0.5 * self.model.W, 1.0).slip
         alpha, (mu, *fall) = -0.5 * rates[0], self._law
         ahead = -sense * (rates[1] + law.rate_N / law.beta * alpha)
