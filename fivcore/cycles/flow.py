@@ -18,16 +18,14 @@ from scipy.linalg import expm
 
 from fivcore.contact.law import resistance
 from fivcore.errors import SceneValueError
-from fivcore.jit import Array, kernel
+from fivcore.jit import Array
 from fivcore.transient import exact_kernels as kernels
 from fivcore.transient.exact import ExactRun
-from fivcore.transient.exact_kernels import SLIP_UP
+from fivcore.transient.exact_kernels import GAP, RATES, SLIP_RATE, SLIP_UP, N, T
 from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import Options, RunOptions
 from fivcore.transient.statistics import SAMPLE, SEPARATION, STICK
 
-# Rows of a law: forces, slip rate and gap; the rates of the state follow.
-N, T, SLIP_RATE, GAP, RATES = range(5)
 # Samples between events, in units of the shortest time, and how many of them are looked at together for a plane.
 COMPLIANT_GRID, RIGID_GRID, BLOCK = 0.5, 0.1, 64
 # A cycle without events closes where it crosses a plane.
@@ -44,28 +42,6 @@ class Segment(NamedTuple):
     event: int
     time: float
     start: Array
-
-
-@kernel
-def affine_law(z: Array, h: float, units: Array, which: int, system: Any, drive: Array) -> Array:
-    """Rows of a law about z by differences over 2 h, (4 + m, m + 1); their products with z are its values there."""
-    m = len(units)
-    rows, y, rates, change = np.zeros((RATES + m, m + 1)), np.zeros(m + 4), np.empty(m + 4), np.empty(RATES + m)
-    y[:m] = z[:m] / units
-    for j in range(m + 1):
-        for sense in (1.0, -1.0):
-            if j < m:
-                y[j] = (z[j] + sense * h) / units[j]
-            change[:4] = kernels.rates(0.0, y, which, system, drive, rates)[:4]
-            change[4:] = units * rates[:m]
-            rows[:, j] += (sense if j < m else 1.0) * change
-        if j < m:
-            y[j] = z[j] / units[j]
-            rows[:, j] /= 2.0 * h
-    rows[:, m] *= 0.5
-    for j in range(m):
-        rows[:, m] -= rows[:, j] * z[j]
-    return rows
 
 
 class Flow:
@@ -115,7 +91,7 @@ class Flow:
         return self._laws[status]
 
     def _law(self, status: int, z: Array, h: float) -> Array:
-        return np.asarray(affine_law(z, h, self.units, status, self.run.system, self._drive))
+        return np.asarray(kernels.affine_law(z, h, self.units, status, self.run.system, self._drive))
 
     def falls(self, status: int) -> bool:
         """Whether the law of a status is not linear."""

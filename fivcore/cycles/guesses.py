@@ -67,8 +67,9 @@ def recurrent(flow: Flow, status: int, z: Array, *, span: float = 0.0, about: fl
             same = segments[i].status == segments[j].status and (
                 i == 0 or segments[i - 1][:2] == segments[j - 1][:2]
             )
-            if same and (about is None or abs(times[j] - times[i] - about) < 0.3 * about):
-                pairs.append((float(np.linalg.norm(starts[j] - starts[i])) / spread, times[j] - times[i], i, j))
+            period = times[j] - times[i]
+            if same and period > flow.grid and (about is None or abs(period - about) < 0.3 * about):
+                pairs.append((float(np.linalg.norm(starts[j] - starts[i])) / spread, period, i, j))
     pairs.sort()
     if not pairs or pairs[0][0] > RETURNS:
         raise UnsolvedError("limit_cycle: nothing in this motion repeats itself; give another guess")

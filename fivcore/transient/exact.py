@@ -15,11 +15,11 @@ Where every mode is kept, the surfaces are rigid: N and T are what keeps the gap
 together. Their law is that of `fivcore.contact.law`: an impact leaves no closing speed, its tangential impulse is
 within the cone; T jumps where slip ends.
 
-Where friction jumps to a kinetic coefficient, a slipping contact sticks only where kinetic friction holds it, and
-a sticking one slips where |T| = mu N, at once at a finite rate. Where friction falls with the speed, the slip rate
-w follows at each instant from the contact's own equation, T = s mu(|w|) N with s = -sign w, by Newton's method to
-rounding. The coefficient of friction in an impact is that at the mean of the slip rates before and after it, as
-in `fast`.
+Where friction jumps to a kinetic coefficient, an impact or a compliant contact that slips ends in stick only where
+kinetic friction holds it, and a sticking contact slips where |T| = mu N, at once at a finite rate. Where friction
+falls with the speed, the slip rate w follows at each instant from the contact's own equation, T = s mu(|w|) N with
+s = -sign w, by Newton's method to rounding. The coefficient of friction in an impact is that at the mean of the
+slip rates before and after it, as in `fast`.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.linalg import matrix_balance
 
 from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.law import DiscreteContact, resistance
@@ -38,7 +39,7 @@ from fivcore.transient import exact_kernels as kernels
 from fivcore.transient.exact_kernels import NOTHING, SLIP_DOWN, SLIP_UP, ZERO
 from fivcore.transient.normalised import Normalised, State, residual_gaps
 from fivcore.transient.options import RunOptions
-from fivcore.transient.statistics import ENERGIES, SAMPLE, SEPARATION, STICK
+from fivcore.transient.statistics import ENERGIES, SAMPLE, SEPARATION, SLIP, STICK
 from fivcore.transient.stepped import SteppedRun
 
 # An event this soon after another is not acted on, s.
@@ -92,7 +93,7 @@ class ExactRun(SteppedRun):
         self.system = (*modes, model.K, model.C, inverse, self._law)
         n = len(model.stiffness)
         constant = (*self.system[:-1], (self.slipping, 1.0, 0.0, 0.0))
-        if max(growth(constant, 2 * n + 6, which) for which in (SLIP_UP, SLIP_DOWN)) * dwell > MOST_GROWTH:
+        if any(grows(constant, 2 * n + 2, which, MOST_GROWTH / dwell) for which in (SLIP_UP, SLIP_DOWN)):
             raise ContactError(
                 f"{not_unique(scene.mu, limit)}, and so close to it slip grows by more"
                 f" than e^{MOST_GROWTH:g} within {dwell:g} s, which is not resolved"
@@ -114,8 +115,8 @@ class ExactRun(SteppedRun):
         elif self._ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(y)
-        # Rigid surfaces may start with any rates: an impact corrects them, and does nothing to surfaces at rest.
-        self._decide(0.0, y, options.contact, touchdown=self.rigid and options.contact != SEPARATION)
+        # Rigid surfaces that slip may start with any rates: an impact corrects them.
+        self._decide(0.0, y, options.contact, touchdown=self.rigid and options.contact == SLIP)
 
     def state(self) -> tuple[Array, Array, Array]:
         """Displacements from rest and velocities of the modes, and the gaps of the others."""
@@ -211,8 +212,8 @@ class ExactRun(SteppedRun):
                 return
         N, T = self._sticking_force(t, y)
         up = slip_rate < 0.0 if slip_rate else T > 0.0
-        # A slipping contact sticks only where kinetic friction holds it.
-        most = self.scene.mu if was == STICK else self.slipping
+        # Rigid surfaces without a slip rate stick, but a compliant contact only where kinetic friction holds it.
+        most = self.scene.mu if was == STICK or self.rigid else self.slipping
         sticks = slip_rate == 0.0 and N > 0.0 and abs(T) <= most * N
         if not sticks and self._slipping_force(N, T, up, slip_rate) <= 0.0:
             self.enter(t, SEPARATION, y)
@@ -230,7 +231,7 @@ class ExactRun(SteppedRun):
         parts, W = model.shapes * v, model.W
         rates, zero = parts.sum(axis=1) - [0.0, P], AT_REST * np.add(np.abs(parts).sum(axis=1), [0.0, P])
         q -= model.normal * (model.normal @ q / W[0, 0])
-        impulse = np.array([-rates[0] / W[0, 0], 0.0])
+        impulse = -self._resistance @ rates if was == STICK else np.array([-rates[0] / W[0, 0], 0.0])
         if was == SEPARATION:
             if rates[0] > zero[0]:
                 return True, 0.0
@@ -310,12 +311,12 @@ class ExactRun(SteppedRun):
 
 
 @one_blas_thread()
-def growth(system: Any, size: int, which: int) -> float:
-    """Largest growth rate of a contact status, 1/s, of motion so small that friction is linear in it."""
-    drive, columns = np.zeros(3), np.empty((size + 1, size))
-    for k, z in enumerate(np.vstack([np.zeros(size), np.eye(size)])):
-        kernels.rates_of(z, which, system, drive, columns[k])
-    return float(np.linalg.eigvals((columns[1:] - columns[0]).T[: size - 4, : size - 4]).real.max())
+def grows(system: Any, size: int, which: int, rate: float) -> bool:
+    """Whether a motion so small that friction is linear in it grows faster than a rate, 1/s, in a contact status."""
+    law = kernels.affine_law(np.zeros(size + 1), 1.0, np.ones(size), which, system, np.zeros(3))
+    matrix: Array = matrix_balance(law[kernels.RATES :, :-1], permute=False)[0]
+    # No eigenvalue is larger than a norm.
+    return bool(np.abs(matrix).sum(axis=1).max() > rate and np.linalg.eigvals(matrix).real.max() > rate)
 
 
 def slipping_force(N: float, T: float, m: float, resistance: Array) -> float:

@@ -25,6 +25,8 @@ _WHOLE = ("contact", "now", "sample_every", "row_every", "samples", "rows")
 SCENE = np.dtype([*FIELDS, *((name, "i8") for name in _WHOLE)])
 # Slip with T = mu N and with T = -mu N; the other statuses have the numbers of `fivcore.transient.statistics`.
 SLIP_UP, SLIP_DOWN = 2, 3
+# Rows of a law: forces, slip rate and gap; the rates of the state follow.
+N, T, SLIP_RATE, GAP, RATES = range(5)
 # Results of `follow` besides a margin's number: no event; the slip rate is not unique; no step is short enough.
 NOTHING, NOT_UNIQUE, NO_STEP = -1, -2, -3
 # The method of order 8 of Dormand and Prince, with errors of order 5 and 3 (Hairer, Norsett and Wanner, Solving
@@ -117,9 +119,25 @@ def rates(
 
 
 @kernel
-def rates_of(z: Any, which: int, system: Any, drive: Any, out: Any) -> None:
-    """Write the rates of z at time 0."""
-    rates(0.0, z, which, system, drive, out)
+def affine_law(z: Any, h: float, units: Any, which: int, system: Any, drive: Any) -> Any:
+    """Rows of a law about z by differences over 2 h, (4 + m, m + 1); their products with z are its values there."""
+    m = len(units)
+    rows, y, out, values = np.zeros((RATES + m, m + 1)), np.zeros(m + 4), np.empty(m + 4), np.empty(RATES + m)
+    y[:m] = z[:m] / units
+    for j in range(m + 1):
+        for sense in (1.0, -1.0):
+            if j < m:
+                y[j] = (z[j] + sense * h) / units[j]
+            values[:4] = rates(0.0, y, which, system, drive, out)[:4]
+            values[4:] = units * out[:m]
+            rows[:, j] += (sense if j < m else 1.0) * values
+        if j < m:
+            y[j] = z[j] / units[j]
+            rows[:, j] /= 2.0 * h
+    rows[:, m] *= 0.5
+    for j in range(m):
+        rows[:, m] -= rows[:, j] * z[j]
+    return rows
 
 
 @inlined
