@@ -22,14 +22,9 @@ from fivcore.rig import Beam
 def unit_cantilever(elements: int) -> tuple[Array, Array, Array]:
     """Modes of the cantilever whose length, width, thickness, modulus and density are 1.
 
-    Returns
-    -------
-    modes : ndarray, (3, 3 elements)
-        Squared frequency, participation factor, and displacement of the free end; axial modes first.
-    deflections : ndarray, (2 elements + 2, 2 elements)
-        Bending modes: deflection and rotation of each node, the clamped one included.
-    rest : ndarray, (2,)
-        What the squared participation factors, axial ones and bending ones, leave of the mass.
+    Squared frequency, participation factor and displacement of the free end, (3, n), axial modes first; deflection
+    and rotation of all nodes in bending, (2 nodes, modes); what the squared participation factors, axial and
+    bending, leave of the mass, (2,).
     """
     beam = Beam(1.0, 1.0, 1.0, 1.0, 1.0, elements)
     (along, u), (across, w) = cantilever_modes(beam)

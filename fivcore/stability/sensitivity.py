@@ -136,8 +136,8 @@ def _of_structure(own: Structure, onsets: FlutterOnsets, band: float) -> OnsetSe
     damping = np.append(own.damping[:m], own.d2 * p[m:])
     damped = damping.max() > FAINT * band
     damping = damping if damped else np.where(np.arange(len(p)) < m, TINY * band, 0.0)
-    names = [f"frequency_{k}" for k in range(1, m + 1)]
-    names += [f"damping_{k}" for k in range(1, m + 1) if damped] + ["direction"]
+    kinds = ("frequency", "damping") if damped else ("frequency",)
+    names = [*(f"{kind}_{k}" for kind in kinds for k in range(1, m + 1)), "direction"]
     values = np.concatenate([own.frequency, own.damping[:m] if damped else [], [1.0]])
 
     def slopes(omega: float, mu: float) -> tuple[complex, complex, NDArray[np.complex128]]:
@@ -146,9 +146,8 @@ def _of_structure(own: Structure, onsets: FlutterOnsets, band: float) -> OnsetSe
         soft = 1.0 / (p + phi * (damping + phi))
         terms = -(n + mu * t) * n * soft**2
         turned = np.sum((mu * (n**2 - t**2) - 2.0 * n * t) * soft)
-        by_damping = (phi * terms)[: m if damped else 0]
-        own_terms = 8.0 * np.pi**2 * own.frequency * terms[:m]
-        by_each = np.concatenate([own_terms, by_damping, [turned]])
+        by_stiffness, by_damping = 8.0 * np.pi**2 * own.frequency * terms[:m], (phi * terms)[: m if damped else 0]
+        by_each = np.concatenate([by_stiffness, by_damping, [turned]])
         return 1j * np.sum(terms * (damping + 2.0 * phi)), np.sum(n * t * soft), by_each
 
     by_mu, by_frequency = np.empty((2, len(names), len(onsets.mu)))

@@ -39,7 +39,7 @@ from fivcore.transient.exact_kernels import NOTHING, SLIP_DOWN, SLIP_UP, ZERO
 from fivcore.transient.normalised import Normalised, State, residual_gaps
 from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import ENERGIES, SAMPLE, SEPARATION, STICK
-from fivcore.transient.stepped import SteppedRun
+from fivcore.transient.stepped import Run
 
 # An event this soon after another is not acted on, s.
 DWELL = 1e-10
@@ -51,15 +51,11 @@ READING_STEP, SEGMENT, SHORT = 1e-6, 0.04, 1e-7
 AT_REST = 1e-9
 
 
-class ExactRun(SteppedRun):
+class ExactRun(Run):
     """One run in progress; `held` counts the events within DWELL of the last one.
 
-    Raises
-    ------
-    SceneValueError
-        Where a contact with a spring has no dashpot, or is rigid and its directions are parallel.
-    ContactError
-        Where the contact force is not unique, or slip grows too fast to be resolved.
+    A contact with a spring and no dashpot is a `SceneValueError`, as is a rigid one with parallel directions; a
+    force that is not unique, or slip that grows too fast to be resolved, a `ContactError`.
     """
 
     READ_AT = 0.5
@@ -108,10 +104,9 @@ class ExactRun(SteppedRun):
             if not self.rigid:
                 y[2 * n :] = residual_gaps(scene, model.kept, initial) - self._gaps_at_rest
         # In a ramp of 10 ns the acceleration is so large that the motion would be lost in its rounding.
-        self._ramp = options.ramp if options.ramp >= SHORT * unit else 0.0
-        if initial is not None and initial.running:
-            self._ramp = 0.0
-        elif self._ramp == 0.0:
+        starts = initial is None or not initial.running
+        self._ramp = options.ramp if starts and options.ramp >= SHORT * unit else 0.0
+        if starts and self._ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(y)
         # Rigid surfaces may start with any rates: an impact corrects them, and does nothing to surfaces at rest.
@@ -132,10 +127,8 @@ class ExactRun(SteppedRun):
         while (t := float(self._motion[-3])) < goal:
             boundary, acceleration = self._drive(t)
             before = self._motion[-7:-3].copy()
-            deaf, drive = (
-                self._deaf > t,
-                np.array([0.0, 0.0 if acceleration else self._clamp_velocity(t), acceleration]),
-            )
+            drive = np.array([0.0, 0.0 if acceleration else self._clamp_velocity(t), acceleration])
+            deaf = self._deaf > t
             end = min(goal, boundary, self._deaf if deaf else goal)
             event = kernels.follow(
                 self._motion, self._which, self._origin, end, not deaf, self._system, drive, self._zeros,
@@ -221,8 +214,7 @@ class ExactRun(SteppedRun):
             # Contact is entered with a u_N of its own, which is not yet that of the gap.
             y[-2] = -g_N
             self.record["impact"] += energy - self._energy_of(y)
-        which = STICK if sticks else SLIP_UP if up else SLIP_DOWN
-        self._enter(t, which, y)
+        self._enter(t, STICK if sticks else SLIP_UP if up else SLIP_DOWN, y)
 
     def _close(self, t: float, y: Array, was: int, even: bool) -> tuple[bool, float]:
         """Close the gap of rigid surfaces in the state `y`; return whether they part, and the slip rate."""

@@ -280,8 +280,6 @@ class Observer:
         self._keep(times, np.broadcast_to(sample, (here, len(sample))))
         self.repeated, self._filled, self._sample = count, count - unsettled - here, np.r_[t, sample[:3]]
 
-    # Spectra and correlation of the velocity of B.
-
     def _spectrum(self, stuck: bool) -> Spectrum:
         t, velocity = self.kept[:SLIP_RATE]
         edges = np.searchsorted(t, self.sticks).ravel()
@@ -309,15 +307,13 @@ class Observer:
 
     @cached_property
     def correlation(self) -> Correlation:
-        """Of the whole signal."""
+        """Autocorrelation of the velocity of B, in and outside of long sticks."""
         return Correlation(np.split(self.kept[VELOCITY], self._cuts), self.rate, self.band, self._filled)
 
     def periodicity(self, frequency: float) -> float:
         """Autocorrelation after 20 periods of a frequency, Hz: the largest within half a period of there."""
         period = self.rate / frequency
         return self.correlation.near(20.0 * period, 0.5 * period)
-
-    # Amplitudes.
 
     @cached_property
     def rms(self) -> float:
@@ -331,17 +327,17 @@ class Observer:
         return float(np.sqrt((about.sum() + filled * (other - mean) ** 2) / count))
 
     @cached_property
-    def _magnitudes(self) -> dict[int, Array]:
-        return {row: self._largest(row) for row in (SLIP_RATE, NORMAL_FORCE)}
-
-    def _largest(self, row: int) -> Array:
-        """The largest magnitudes of a row that quantiles need, largest first, between infinities."""
-        values, count = np.abs(self.kept[row]), min(self._count, int(UPPER * (self._count + self._filled)) + 2)
-        peaks = np.sort(np.maximum.reduceat(values, np.arange(0, len(values), MEANS_BLOCK)))
-        # As many are at least so large: those that are missing above it are equal to it.
-        level = peaks[-count] if 0 < count <= len(peaks) else -1.0
-        above = -np.sort(-values[values > level])[:count]
-        return np.r_[np.inf, above, np.full(count - len(above), level), -np.inf]
+    def _largest(self) -> dict[int, Array]:
+        """Of two rows, the largest magnitudes that quantiles need, largest first, between infinities."""
+        count, found = min(self._count, int(UPPER * (self._count + self._filled)) + 2), {}
+        for row in (SLIP_RATE, NORMAL_FORCE):
+            values = np.abs(self.kept[row])
+            peaks = np.sort(np.maximum.reduceat(values, np.arange(0, len(values), MEANS_BLOCK)))
+            # As many are at least so large: those that are missing above it are equal to it.
+            level = peaks[-count] if 0 < count <= len(peaks) else -1.0
+            above = -np.sort(-values[values > level])[:count]
+            found[row] = np.r_[np.inf, above, np.full(count - len(above), level), -np.inf]
+        return found
 
     def quantile(self, row: int, share: float) -> float:
         """Value below which a share, at least 1 - UPPER, of |SLIP_RATE| or NORMAL_FORCE lies; NaN without samples.
@@ -351,15 +347,13 @@ class Observer:
         count = self._count + self._filled
         if not count or np.isnan(share):
             return float("nan")
-        largest, other = self._magnitudes[row], abs(self._sample[row])
+        largest, other = self._largest[row], abs(self._sample[row])
         place = (1.0 - share) * (count - 1)
         # Counted from the largest. With so many of one value that at a place is the median of this and two others.
         places = 1 + np.minimum(int(place) + np.arange(2), count - 1)
         low, high = (np.clip(at, 0, len(largest) - 1) for at in (places, places - self._filled))
         one, next_one = np.clip(other, largest[low], largest[high])
         return float(one + (place % 1.0) * (next_one - one))
-
-    # Blocks.
 
     def by_block(self, row: int) -> Array:
         """The samples of all complete blocks, (n, MEANS_BLOCK); the next sample completes one."""
@@ -407,19 +401,9 @@ def observed(signal: Array, rate: float, quiet: Array, band: tuple[float, float]
 
 
 def errors_of_means(values: Array, degrees: int) -> Array:
-    """Standard error of the mean of each column.
+    """Standard errors (m,) of the means of successive `values` (n, m); the estimator has `degrees` of freedom.
 
-    Parameters
-    ----------
-    values : ndarray, (n, m)
-        Successive values.
-    degrees : int
-        Degrees of freedom of the equal-weighted cosine (EWC) long-run variance estimator.
-
-    Returns
-    -------
-    ndarray, (m,)
-        NaN where there are fewer than 2 `degrees` values.
+    NaN where there are fewer than 2 `degrees` values.
     """
     n = len(values)
     if not 0 < 2 * degrees <= n:

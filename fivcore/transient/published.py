@@ -33,7 +33,7 @@ from fivcore.structure import modal_structure
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter, first_counted
-from fivcore.transient.stepped import SteppedRun
+from fivcore.transient.stepped import Run
 
 # Section 3.3 of the paper: time step, beta2 and the relaxation time of the friction law.
 PAPER_STEP, BETA2, TAU = 2e-8, 0.8, 1e-7
@@ -96,7 +96,7 @@ def largest_step(stiffness: Array, damping: Array, beta2: float) -> float:
     return (damped + float(np.sqrt(0.5 * beta2 + damped**2))) / (0.5 * beta2 * omega)
 
 
-class PaperRun(SteppedRun):
+class PaperRun(Run):
     """One run in progress."""
 
     def __init__(self, scene: Normalised, options: RunOptions) -> None:
@@ -302,9 +302,8 @@ def advance(
             for j in range(n):
                 x += output[j] * (vs[j] + b * dt * (a[j] + (normal[j] * N + tangential[j] * T) * inverse[j]))
             if sampled:
-                samples[scene.samples] = (
-                    x, slip_rate, N, scene.stick_time, scene.separation_time, scene.sum_N, scene.switches
-                )  # fmt: skip
+                counters = scene.stick_time, scene.separation_time, scene.sum_N, scene.switches
+                samples[scene.samples] = (x, slip_rate, N, *counters)
                 scene.samples += 1
             if written:
                 rows[scene.rows] = (t, x, N, T, slip_rate, float(contact))

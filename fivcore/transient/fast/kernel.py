@@ -179,7 +179,7 @@ def holding(scene: Any, vN: float, vT: float) -> Any:
 
 @called
 def going_on(scene: Any, law: Any, vN: float, vT: float, slip_rate: float) -> Any:
-    """Slip speed (negative: it has passed zero) and N of a rigid contact that goes on slipping at `slip_rate`."""
+    """Slip speed and N of a rigid contact that keeps slipping; negative: the speed passed zero."""
     way = np.sign(scene.last_T)
     if len(law) > 0:
         speed, N, _, _ = falling(scene, law, 0.0, 0.0, vN, vT, way, slip_rate)
@@ -200,8 +200,8 @@ def crossing(before: float, after: float) -> float:
 def locate(scene: Any, law: Any, was: int, p: float, N: float, vN: float, vT: float, slip_rate: float) -> float:
     """Share of the time from the last impulse to this one after which a rigid contact left the status `was`.
 
-    Linear in what ends it: penetration; in stick N, or mu N - |T| of the forces that hold it, known midway between
-    impulses; in slip N or its speed, if it goes on from `slip_rate`.
+    By linear interpolation of what ends the status: the penetration; in stick N, or mu N - |T| of the holding
+    forces, which are known midway between impulses; in slip N, or the speed if slip continues from `slip_rate`.
     """
     if was == SEPARATION:
         return crossing(scene.last_p, p)
