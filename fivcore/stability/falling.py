@@ -151,10 +151,6 @@ def checked_sliding(friction: Friction, V: Any, F: Any) -> tuple[Array | None, A
     if not friction.constant and (V is None or F is None):
         missing = "V" if V is None else "F"
         raise InputError(f"{missing} is missing: where friction falls with the speed give V (m/s) and F (N)")
-
-    def checked(name: str, value: Any, unit: str) -> Array | None:
-        return (
-            None if value is None else checks.array(name, value, lambda x: checks.between(name, x, *LIMITS, unit))
-        )
-
-    return checked("V", V, "m/s"), checked("F", F, "N")
+    speed = None if V is None else checks.array("V", V, lambda x: checks.between("V", x, *LIMITS, "m/s"))
+    load = None if F is None else checks.array("F", F, lambda x: checks.between("F", x, *LIMITS, "N"))
+    return speed, load

@@ -179,9 +179,8 @@ def unstable_windows(
     checks.instance("rig", rig, Rig)
     friction = checks.friction(mu)
     first = checks.number("theta_min", theta_min, "an angle between -90 and 90 degrees", lambda x: abs(x) < 90.0)
-    last = checks.number(
-        "theta_max", theta_max, f"above theta_min = {first:g} and below 90 degrees", lambda x: first < x < 90.0
-    )
+    allowed = f"above theta_min = {first:g} and below 90 degrees"
+    last = checks.number("theta_max", theta_max, allowed, lambda x: first < x < 90.0)
     band = checks.band(fmax)
     angles, growing = np.array([first, last]), partial(_growing, rig, friction, band)
     # Onsets well above the friction belong to branches that may dip to it between two samples.

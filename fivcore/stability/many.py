@@ -22,16 +22,10 @@ from fivcore.errors import InputError
 from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array, ReadOnlyArrays, kernel
 from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS, ContactModel, Rig, checked_theta
+from fivcore.stability import onsets
 from fivcore.stability.exponents import band_modes
 from fivcore.stability.falling import checked_sliding, falling_crossings
-from fivcore.stability.onsets import (
-    MOST_INTERVALS,
-    PATH_TOP,
-    axis_point,
-    divergence_onset,
-    endless,
-    isolated_crossings,
-)
+from fivcore.stability.onsets import MOST_INTERVALS, axis_point, divergence_onset, isolated_crossings
 from fivcore.stability.sampled import coulomb_crossings
 from fivcore.structure import Structure, modal_structure
 
@@ -204,7 +198,7 @@ def _listed(found: Array, divergence: Array, fmax: float, mu_max: float) -> Many
     """Sort `crossings` into onsets, recoveries, entries into the band and changes, by row."""
     (place, change), rows = found[2:], len(divergence)
     on_axis, up = place <= fmax, change > 0.0
-    entering = ~on_axis & (place <= PATH_TOP * fmax) & up
+    entering = ~on_axis & (place <= onsets.PATH_TOP * fmax) & up
     parts = found[:3, on_axis & up], found[:3, on_axis & ~up], found[:2, entering], found[[0, 1, 3]]
     onset, recovery, entry, changes = (_padded(each, rows) for each in parts)
     tables: Any = (*onset, *recovery, *entry, divergence, *changes, mu_max)
@@ -224,7 +218,7 @@ def crossings(table: Array, fmax: float, mu_max: float, rig: Rig, threads: int =
         rows = table[start : start + RIGS_AT_ONCE]
         found, divergence, failed = _search_rows(rows, 2.0 * np.pi * fmax, mu_max, *beams)
         if failed >= 0:
-            raise endless(mu_max, fmax, f" in row {start + failed}, theta = {rows[failed, 0]:g},")
+            raise onsets.endless(mu_max, fmax, f" in row {start + failed}, theta = {rows[failed, 0]:g},")
         found[:, 0] += start
         return found.T, divergence
 

@@ -27,9 +27,7 @@ from fivcore.structure import Structure, modal_structure
 # Relative step; smallest size of a parameter that it is taken of, as a share of what would matter to the rig.
 RELATIVE_STEP, LEAST_SIZE = 2e-5, 1e-3
 # Places and weights of central differences, and of those to one side, of fourth and of second order.
-CENTRAL = np.array(
-    [[-2.0, -1.0, 1.0, 2.0], [1.0 / 12.0, -2.0 / 3.0, 2.0 / 3.0, -1.0 / 12.0], [0.0, -0.5, 0.5, 0.0]]
-)
+CENTRAL = np.array([[-2.0, -1.0, 1.0, 2.0], [1 / 12, -2 / 3, 2 / 3, -1 / 12], [0.0, -0.5, 0.5, 0.0]])
 ONE_SIDED = np.array([[1.0, 2.0, 3.0, 4.0], [4.0, -3.0, 4.0 / 3.0, -0.25], [2.0, -0.5, 0.0, 0.0]])
 # Largest relative change of an onset's frequency from row to row; largest relative difference between the
 # derivatives of both orders, and rounding of the onset. Beyond these it is too near to a fold for a derivative.

@@ -17,19 +17,13 @@ from fivcore.errors import DivergenceError, SceneError
 from fivcore.friction import COULOMB
 from fivcore.jit import Array
 from fivcore.rig import Rig, Scene, html_table
+from fivcore.transient import observe
 from fivcore.transient.exact import ExactRun
 from fivcore.transient.fast.layout import MAX_SKIP
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.fast.steady import NEARLY_STEADY
 from fivcore.transient.normalised import Normalised, State, energies, loading_time
-from fivcore.transient.observe import (
-    LOADING_TIMES,
-    PEAK_BAND,
-    Observer,
-    Record,
-    degrees_of_freedom,
-    errors_of_means,
-)
+from fivcore.transient.observe import PEAK_BAND, Observer, Record, degrees_of_freedom, errors_of_means
 from fivcore.transient.options import RunOptions, Until
 from fivcore.transient.published import PaperRun
 from fivcore.transient.stepped import Run
@@ -108,7 +102,7 @@ class StoppingRule:
         start, time = run.begun, max(self._until.least, self._stuck, grid)
         if not np.isnan(record["first_slip"][0]):
             start = float(record["settled_from"][0])
-            time = max(self._until.least / LATER, LOADING_TIMES * self._loading_time, grid / LATER)
+            time = max(self._until.least / LATER, observe.LOADING_TIMES * self._loading_time, grid / LATER)
         while start + time <= run.time + 0.5 * grid:
             time *= LATER
         run.pause = min(round(np.ceil((start + time) / grid) * grid / run.step), run.steps)
@@ -185,12 +179,9 @@ class ObservedRun:
         if self._rule is not None:
             summary["standard_error_reached"] = self._rule.satisfied
         self.run.segments = ()
-        return Transient(
-            self._scene,
-            summary,
-            **self._series.whole(self.run.steps * self.run.step if self._rate else np.inf),
-            final_state=State.end_of(Normalised.of(self._scene), self.run, self._series.last),
-        )
+        series = self._series.whole(self.run.steps * self.run.step if self._rate else np.inf)
+        state = State.end_of(Normalised.of(self._scene), self.run, self._series.last)
+        return Transient(self._scene, summary, **series, final_state=state)
 
 
 def located(error: SceneError, scene: Scene) -> SceneError:

@@ -117,9 +117,9 @@ def rates(
 
 
 @kernel
-def rates_of(z: Any, which: int, system: Any, drive: Any, out: Any) -> None:
-    """Write the rates of z at time 0."""
-    rates(0.0, z, which, system, drive, out)
+def rates_of(z: Any, which: int, system: Any, drive: Any, out: Any) -> tuple[float, float, float, float, float]:
+    """Do so at time 0."""
+    return rates(0.0, z, which, system, drive, out)
 
 
 @inlined

@@ -307,13 +307,9 @@ def _continued(initial: State, normalised: Normalised, options: dict[str, Any]) 
         return None
     if modify is run.options.modify is None:
         return run
-    rig, theta = run.scene.rig, run.scene.theta
+    rig, theta, parts = run.scene.rig, run.scene.theta, [each.name for each in fields(ReducedModel)]
     models = [(modified(reduced_model(rig, theta, cutoff), modify), model) for cutoff, model in run.models]
-    same = all(
-        np.array_equal(getattr(one, each.name), getattr(other, each.name))
-        for one, other in models
-        for each in fields(ReducedModel)
-    )
+    same = all(np.array_equal(getattr(a, part), getattr(b, part)) for a, b in models for part in parts)
     return run if same else None
 
 

@@ -246,14 +246,12 @@ def published_contact(scene: Any, gN: float, gT: float) -> Any:
         return STICK, N, T
     m = scene.kinetic if T > 0.0 else -scene.kinetic
     if scene.falls != 0:
-        # With y = m N: N = (alpha + gamma y) / beta, and the slip rate is free + mobility y.
+        # With y = m N: N = (alpha + gamma y) / beta, and the slip rate is -way ahead + mobility y.
         law, way, share = (scene.law[0], scene.law[1], scene.law[2]), 1.0 if T > 0.0 else -1.0, r / (1.0 + r)
         alpha, beta, gamma = -gN - WNT * last_T / (1.0 + r), WNN, -WNT * share
-        free = (back + WNT * alpha / beta + WTT * last_T / (1.0 + r)) / scene.dt
+        ahead = -way * (back + WNT * alpha / beta + WTT * last_T / (1.0 + r)) / scene.dt
         mobility = (WNT * gamma / beta + WTT * share) / scene.dt
-        _, ratio = slip_speed(
-            -way * scene.slip_rate, -way * free, mobility, alpha, beta, way * gamma, scene.mu, law
-        )
+        _, ratio = slip_speed(-way * scene.slip_rate, ahead, mobility, alpha, beta, way * gamma, scene.mu, law)
         m = way * scene.mu * ratio
     N = (-gN - WNT * last_T / (1.0 + r)) / (WNN + m * WNT * r / (1.0 + r))
     if N <= 0.0:
@@ -291,8 +289,7 @@ def advance(
         if contact != was:
             if enter(scene, was, contact, t):
                 sticks[scene.sticks - 1] = (scene.last_stick, t)
-            if scene.settled_from < np.inf:
-                scene.settle = first_counted(scene.settled_from, dt, 1.0)
+            scene.settle = first_counted(scene.settled_from, dt, 1.0)
         scene.work += dt * T * (V * t / ramp if t < ramp else V)
         scene.friction -= dt * T * slip_rate
         sampled = now % scene.sample_every == 0

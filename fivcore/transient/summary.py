@@ -73,11 +73,8 @@ def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
     whole = observer.correlation.peak() if len(long) else float("nan")
     # Sticks that last no longer than a period are a part of the vibration.
     cycle = long[:, 1] - long[:, 0] <= 1.0 / whole
-    filled, within = (
-        float(np.sum(np.maximum(of[:, 1] - np.maximum(of[:, 0], start), 0.0)))
-        for of in (long[~cycle], long[cycle])
-    )
-    long = long[~cycle]
+    counted_sticks = np.maximum(long[:, 1] - np.maximum(long[:, 0], start), 0.0)
+    filled, within, long = float(counted_sticks[~cycle].sum()), counted_sticks[cycle].sum(), long[~cycle]
     dominant = whole if within > filled else observer.moving.peak()
     dominant = float("nan") if quiet else dominant
     periodicity = observer.periodicity(dominant)

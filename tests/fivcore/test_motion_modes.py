@@ -224,7 +224,7 @@ def test_static_modes_alone_are_a_residual_or_none(static):
     frequency, rows = np.linspace(100.0, 9e3, 12), np.stack([np.ones(12), np.linspace(1.0, -1.0, 12)])
     own = Structure.from_modes(frequency, *rows, load=-np.ones(12))
     far = {"stiffness": [1e25] * static, "normal": [1e8, 0.0][:static], "tangential": [0.0, 1e8][:static]}
-    zero = dict.fromkeys(("damping", "inertia", "output", "load"), [0.0] * static)
+    zero = dict.fromkeys(("damping", "inertia", "output", "load", "struck"), [0.0] * static)
     added = {name: np.append(getattr(own, name), row) for name, row in (far | zero).items()}
     model = reduced_model(replace(own, **added, static=static), 0.0, 1e9)
     assert len(model.stiffness) == 12

@@ -408,9 +408,8 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                 scene.impact -= step * (N * mean_N + (T * mean_T if contact == STICK else 0.0))
             else:
                 slip_rate = mean_T + rate_T
-            scene.termination += step * (
-                C_NN * mean_N * mean_N - 2.0 * C_NT * mean_N * rate_T + dashpot * rate_T * rate_T
-            )
+            lost = C_NN * mean_N * mean_N - 2.0 * C_NT * mean_N * rate_T + dashpot * rate_T * rate_T
+            scene.termination += step * lost
             scene.work += step * (T * drive)
             if contact == SLIP:
                 scene.friction -= step * (T * slip_rate)
@@ -432,8 +431,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                 sticks[place, 0], sticks[place, 1] = scene.last_stick, t
             if contact == SEPARATION and scene.until_open != 0:
                 scene.stopped = 1
-            if scene.settled_from < np.inf:
-                scene.settle = first_counted(scene.settled_from, step, 0.5)
+            scene.settle = first_counted(scene.settled_from, step, 0.5)
             scene.next_skip = layout.NEVER
             if contact == STICK and scene.may_skip != 0:
                 scene.next_skip = scene.next_sample + layout.MIN_SAMPLES * scene.sample_every

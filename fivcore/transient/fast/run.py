@@ -131,7 +131,7 @@ class FastRun(Run):
         run: FastRun = super().resumed(options)
         run.blocks, run.row_every = aligned(self.blocks), options.rows(self.step)[0]
         run.may_settle = options.end_early and bool(self.model.K.any()) and self.scene.friction.constant
-        run._set_settle(run.record)
+        run.record["settle"] = first_counted(run.record["settled_from"][0], run.solver.step, 0.5)
         return run
 
     def state(self) -> tuple[Array, Array, Array]:
@@ -148,26 +148,18 @@ class FastRun(Run):
             u = np.linalg.solve(K, force) - 0.5 * solver.step * rates
         return q + self.shift - solver.between_impulses(force), v, np.asarray(u)
 
-    def _set_settle(self, record: Any) -> None:
-        settled = float(record["settled_from"][0])
-        record["settle"] = first_counted(settled, self.solver.step, 0.5) if settled < np.inf else 0
-
     def _use(self, solver: Solver) -> None:
         """Go on with a solver; the record keeps what belongs to the run."""
         old, self.record = self.record, solver.record.copy()
-        for name in [name for name, _ in statistics.FIELDS] + ["contact", "u_N", "u_T", "anchor", "now", "settle"]:
+        for name in [name for name, _ in statistics.FIELDS] + ["contact", "u_N", "u_T", "anchor", "now"]:
             self.record[name] = old[name]
         record = self.record
-        self.solver, self.model, self.places, self.blocks = (
-            solver,
-            solver.model,
-            solver.places,
-            aligned(solver.blocks),
-        )
+        self.solver, self.model, self.places = solver, solver.model, solver.places
+        self.blocks = aligned(solver.blocks)
         record["mu"], record["kinetic"] = self.scene.mu, self.kinetic if not self._law else self.scene.mu
         record["speed"], record["ramp"] = self.scene.speed_per_load, self.ramp
         record["acceleration"] = self.scene.speed_per_load / self.ramp if self.ramp > 0.0 else 0.0
-        self._set_settle(record)
+        record["settle"] = first_counted(record["settled_from"][0], solver.step, 0.5)
 
     def place(self, q: Array, v: Array) -> None:
         """Put the modes where they are before an impulse."""

@@ -77,10 +77,6 @@ class SteadySliding:
         q, v = self.state[:-1].reshape(2, -1).copy()
         return q, v, np.array([self.readings(speed)[PENETRATION], self.state[-1]])
 
-    def row(self, speed: float) -> tuple[float, ...]:
-        """Return a record's velocity of B, N, T, slip rate and contact state."""
-        return (*self.readings(speed)[:PENETRATION].tolist(), float(SLIP))
-
     @one_blas_thread()
     def bounds(self, x: Array) -> Array:
         """Bound each reading's later distance from its steady value, if slip from `x` goes on and decays."""
@@ -159,7 +155,7 @@ def _fill(run: Any, steady: SteadySliding) -> Iterator[Segment]:
     q, v, u = steady.start(speed)
     run.place(q, v)
     record["u_N"], record["u_T"], record["now"] = *u, last
-    velocity, N, T, slip_rate, _ = row = steady.row(speed)
+    velocity, N, T, slip_rate = signals = steady.readings(speed)[:PENETRATION].tolist()
     sample = [velocity, slip_rate, N, *(float(record[name][0]) for name in statistics.SAMPLED_COUNTERS)]
     settled = int(np.clip(statistics.first_counted(record["settled_from"][0], step, 0.5), first, last))
     if settled > first:
@@ -180,7 +176,7 @@ def _fill(run: Any, steady: SteadySliding) -> Iterator[Segment]:
         end = min(start + layout.MOST_ROWS * rows, last)
         written = np.empty((statistics.count_in(start, end, rows), 6))
         written[:, 0] = (np.arange(-(-start // rows), -(-end // rows)) * rows + 0.5) * step
-        written[:, 1:] = row
+        written[:, 1:] = (*signals, SLIP)
         yield Segment(np.zeros(0), np.empty((0, statistics.SAMPLE)), rows=written)
     if (count := statistics.count_in(first, last, every)) > 0:
         yield Segment(np.array([(begin * every + 0.5) * step]), np.array([sample]), repeated=count - 1)
