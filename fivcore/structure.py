@@ -260,8 +260,9 @@ class Structure(ContactModel, ReadOnlyArrays):
     def from_dict(cls, content: Mapping[str, Any]) -> Structure:
         """The structure of `to_dict`."""
         # Earlier ones may be without `struck`, `cutoff` and `wider`.
-        given = {"struck": None, "cutoff": None, "wider": None} | dict(content)
-        rows: Any = {name: np.array(given[name] or given["normal"], float) for name in ROWS}
+        given = {"cutoff": None, "wider": None} | dict(content)
+        given["struck"] = given["normal"] if given.get("struck") is None else given["struck"]
+        rows: Any = {name: np.array(given[name], float) for name in ROWS}
         rayleigh = None if given["rayleigh"] is None else tuple(given["rayleigh"])
         own: Any = {"rayleigh": rayleigh, "static": int(given["static"]), "remarks": tuple(given["remarks"])}
         wider = cls.from_dict(given["wider"]) if given["wider"] else None
