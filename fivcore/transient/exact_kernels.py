@@ -66,9 +66,7 @@ def sliding(N: float, T: float, C: Any, law: Any, sense: float) -> tuple[float, 
 
 
 @reordered_call
-def rates(
-    t: float, z: Any, which: int, system: Any, drive: Any, out: Any
-) -> tuple[float, float, float, float, float]:
+def rates(t: float, z: Any, which: int, system: Any, drive: Any, out: Any) -> Any:
     """Write the rates of z in a contact status; return N, T, slip rate, gap, and slack as `sliding`."""
     stiffness, damping, shapes, inertia, _, K, C, inverse, law = system
     n, acceleration = len(stiffness), drive[2]
@@ -117,8 +115,8 @@ def rates(
 
 
 @kernel
-def rates_of(z: Any, which: int, system: Any, drive: Any, out: Any) -> tuple[float, float, float, float, float]:
-    """Do so at time 0."""
+def rates_of(z: Any, which: int, system: Any, drive: Any, out: Any) -> Any:
+    """Write the rates of z at time 0; return what `rates` does."""
     return rates(0.0, z, which, system, drive, out)
 
 
