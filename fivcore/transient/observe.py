@@ -327,17 +327,17 @@ class Observer:
         return float(np.sqrt((about.sum() + filled * (other - mean) ** 2) / count))
 
     @cached_property
-    def _largest(self) -> dict[int, Array]:
-        """Of two rows, the largest magnitudes that quantiles need, largest first, between infinities."""
-        count, found = min(self._count, int(UPPER * (self._count + self._filled)) + 2), {}
-        for row in (SLIP_RATE, NORMAL_FORCE):
-            values = np.abs(self.kept[row])
-            peaks = np.sort(np.maximum.reduceat(values, np.arange(0, len(values), MEANS_BLOCK)))
-            # As many are at least so large: those that are missing above it are equal to it.
-            level = peaks[-count] if 0 < count <= len(peaks) else -1.0
-            above = -np.sort(-values[values > level])[:count]
-            found[row] = np.r_[np.inf, above, np.full(count - len(above), level), -np.inf]
-        return found
+    def _magnitudes(self) -> dict[int, Array]:
+        return {row: self._largest(row) for row in (SLIP_RATE, NORMAL_FORCE)}
+
+    def _largest(self, row: int) -> Array:
+        """The largest magnitudes of a row that quantiles need, largest first, between infinities."""
+        values, count = np.abs(self.kept[row]), min(self._count, int(UPPER * (self._count + self._filled)) + 2)
+        peaks = np.sort(np.maximum.reduceat(values, np.arange(0, len(values), MEANS_BLOCK)))
+        # As many are at least so large: those that are missing above it are equal to it.
+        level = peaks[-count] if 0 < count <= len(peaks) else -1.0
+        above = -np.sort(-values[values > level])[:count]
+        return np.r_[np.inf, above, np.full(count - len(above), level), -np.inf]
 
     def quantile(self, row: int, share: float) -> float:
         """Value below which a share, at least 1 - UPPER, of |SLIP_RATE| or NORMAL_FORCE lies; NaN without samples.
@@ -347,7 +347,7 @@ class Observer:
         count = self._count + self._filled
         if not count or np.isnan(share):
             return float("nan")
-        largest, other = self._largest[row], abs(self._sample[row])
+        largest, other = self._magnitudes[row], abs(self._sample[row])
         place = (1.0 - share) * (count - 1)
         # Counted from the largest. With so many of one value that at a place is the median of this and two others.
         places = 1 + np.minimum(int(place) + np.arange(2), count - 1)
