@@ -39,7 +39,7 @@ MIDDLE = 5e3
 # Share of its products up to which the normal force at rest is rounding: of a pin on soft springs, loaded at its
 # far end, 1e-9 to 1e-7 with 4 to 80 elements, and 3e-5 on processors without long double.
 PRESSED, NO_PRELOAD = 1e-4, "it does not press the contact at rest, so that there is no motion with friction"
-ROWS = ("normal", "tangential", "inertia", "output", "load")
+ROWS = ("stiffness", "damping", "normal", "tangential", "inertia", "output", "load", "struck")
 # Modes that move the gaps below the default cut-off of motion (the paper's rig: 115 kHz); a mode does if its share
 # of a gap's inverse mass is above PART of the mean up to it (`python -m tests.benchmarks constants`).
 MOTION_MODES, PART = 39, 1e-3
@@ -66,6 +66,8 @@ class Structure(ContactModel, ReadOnlyArrays):
         What a unit of each modal coordinate adds to the normal and the tangential gap, kg^-1/2.
     inertia, output, load : ndarray, (n,)
         Modal force for a unit acceleration of the drive; velocity that is observed; modal forces of a unit load.
+    struck : ndarray, (n,)
+        `normal` of the bodies that the load acts on, which a knock moves.
     rayleigh : (float, float) or None
         d1, 1/s, and d2, s, with damping = d1 + d2 stiffness; None: modal damping.
     static : int
@@ -76,8 +78,6 @@ class Structure(ContactModel, ReadOnlyArrays):
         Default cut-off of motion, Hz; None: the highest mode.
     wider : Structure or None
         The structure for motion, where that needs more modes than stability.
-    struck : ndarray, (n,), or None
-        `normal` of the bodies that the load acts on, which a knock moves; None: `normal`, of all that is computed.
     """
 
     stiffness: Array
@@ -87,12 +87,12 @@ class Structure(ContactModel, ReadOnlyArrays):
     inertia: Array
     output: Array
     load: Array
+    struck: Array
     rayleigh: tuple[float, float] | None
     static: int = 0
     remarks: tuple[str, ...] = ()
     cutoff: float | None = None
     wider: Structure | None = None
-    struck: Array | None = None
 
     @classmethod
     def of(cls, rig: Rig, theta: float) -> Structure:
@@ -148,7 +148,7 @@ class Structure(ContactModel, ReadOnlyArrays):
         rows = [_row(name, row, n) for name, row in given.items()]
         read = rows[1] if output is None else _row("output", output, n)
         inertia = np.zeros(n) if drive is None else -_row("drive", drive, n)
-        return _modal(omega**2, rows, inertia, read, (d1, d2), damping_ratio)
+        return _modal(np.stack([omega**2, *rows, inertia, read]), (d1, d2), damping_ratio)
 
     @classmethod
     @one_blas_thread()
@@ -224,12 +224,9 @@ class Structure(ContactModel, ReadOnlyArrays):
 
         def up_to(top: float | None) -> Structure:
             values, vectors, compliance, rigid = lowest_modes(M, K, top, contact, name)
-            ratio = damping_ratio
-            if np.ndim(ratio) == 1 and top != band:
-                # Further modes have the last ratio.
-                ratio = np.pad(ratio, (0, max(len(values) - len(ratio), 0)), mode="edge")
-            inertia, read, own = -drive_row @ vectors, output_row @ vectors, list(contact @ vectors)
-            found = _modal(values, own, inertia, read, (d1, d2), ratio, compliance, vectors, name)
+            more = 0 if top == band else len(values) - np.size(damping_ratio)
+            table = np.vstack([values, contact @ vectors, -drive_row @ vectors, output_row @ vectors])
+            found = _modal(table, (d1, d2), _extended(damping_ratio, more), compliance, vectors, name)
             text = f"stiffness: motions below {rigid:.2g} Hz, which is its rounding, count as rigid"
             found = replace(found, remarks=(*found.remarks, *remarks, *([text] if rigid else [])))
             if not np.array_equal(struck, rows["normal"]):
@@ -248,28 +245,28 @@ class Structure(ContactModel, ReadOnlyArrays):
     @cached_property
     def digest(self) -> str:
         """Digest of all numbers, and of the law of damping, by which stability is computed."""
-        rows = [getattr(self, name) for name in ("stiffness", "damping", *ROWS)]
-        content = np.stack(rows).tobytes() + np.array(self.rayleigh or (np.nan, np.nan)).tobytes()
-        content += b"" if self.struck is None else self.struck.tobytes()
+        content = np.stack([getattr(self, name) for name in ROWS]).tobytes()
+        content += np.array(self.rayleigh or (np.nan, np.nan)).tobytes()
         content += bytes([self.static]) + (b"" if self.cutoff is None else f"cutoff {self.cutoff!r}".encode())
         return sha256(content + (self.wider.digest.encode() if self.wider else b"")).hexdigest()
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers as lists, from which `from_dict` makes an equal structure."""
-        rows = {name: getattr(self, name).tolist() for name in ("stiffness", "damping", *ROWS)}
+        rows = {name: getattr(self, name).tolist() for name in ROWS}
         own = {"rayleigh": self.rayleigh, "static": self.static, "remarks": list(self.remarks)}
-        own |= {"struck": None if self.struck is None else self.struck.tolist()}
         return rows | own | {"cutoff": self.cutoff, "wider": self.wider.to_dict() if self.wider else None}
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Structure:
         """The structure of `to_dict`."""
-        rows: dict[str, Any] = {name: np.array(content[name], float) for name in ("stiffness", "damping", *ROWS)}
-        rayleigh = None if content["rayleigh"] is None else (content["rayleigh"][0], content["rayleigh"][1])
-        found = cls(**rows, rayleigh=rayleigh, static=int(content["static"]), remarks=tuple(content["remarks"]))
-        wider, struck = content.get("wider"), content.get("struck")
-        found = replace(found, cutoff=content.get("cutoff"), wider=cls.from_dict(wider) if wider else None)
-        return found if struck is None else replace(found, struck=np.array(struck, float))
+        # Earlier ones may be without `struck`, `cutoff` and `wider`.
+        given = {"cutoff": None, "wider": None} | dict(content)
+        given["struck"] = given["normal"] if given.get("struck") is None else given["struck"]
+        rows: Any = {name: np.array(given[name], float) for name in ROWS}
+        rayleigh = None if given["rayleigh"] is None else tuple(given["rayleigh"])
+        own: Any = {"rayleigh": rayleigh, "static": int(given["static"]), "remarks": tuple(given["remarks"])}
+        wider = cls.from_dict(given["wider"]) if given["wider"] else None
+        return cls(**rows, **own, cutoff=given["cutoff"], wider=wider)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Structure) and self.digest == other.digest
@@ -335,9 +332,7 @@ class Structure(ContactModel, ReadOnlyArrays):
 
     def truncated(self) -> Structure:
         """Without the static compliance of the modes that are not computed."""
-        kept = slice(len(self.frequency))
-        rows = {name: getattr(self, name)[kept] for name in ("stiffness", "damping", *ROWS)}
-        rows |= {} if self.struck is None else {"struck": self.struck[kept]}
+        rows: Any = {name: getattr(self, name)[: len(self.frequency)] for name in ROWS}
         return replace(self, **rows, static=0, wider=self.wider and self.wider.truncated())
 
     def mirrored(self) -> Structure:
@@ -378,12 +373,9 @@ class Structure(ContactModel, ReadOnlyArrays):
             of those above, too.
         """
         checks.choice("of", of, ("tied", "free"))
-        m = len(self.frequency)
-        wider, further = self.wider, damping_ratio
+        m, wider = len(self.frequency), self.wider
         if wider is not None:
-            # Further modes have the last ratio.
-            more = (0, len(wider.frequency) - m)
-            wider = wider.damped(np.pad(further, more, mode="edge") if np.ndim(further) == 1 else further, of)
+            wider = wider.damped(_extended(damping_ratio, len(wider.frequency) - m), of)
         if of == "free":
             added = 2.0 * _ratios(damping_ratio, m) * np.sqrt(self.stiffness[:m])
             return replace(self, damping=np.pad(added, (0, self.static)), rayleigh=None, wider=wider)
@@ -446,49 +438,43 @@ def _ratios(value: Any, n: int) -> Array:
     return np.broadcast_to(ratio, (n,))
 
 
+def _extended(ratio: Any, more: int) -> Any:
+    """Damping ratios, one for each mode, of `more` further modes, too: they have the last one."""
+    return np.pad(ratio, (0, max(more, 0)), mode="edge") if np.ndim(ratio) == 1 else ratio
+
+
 def _modal(
-    stiffness: Array,
-    rows: list[Array],
-    inertia: Array,
-    output: Array,
+    table: Array,
     rayleigh: tuple[Any, Any],
-    damping_ratio: Any,
-    compliance: Array | None = None,
-    vectors: Array | None = None,
+    ratio: Any,
+    compliance: Any = None,
+    vectors: Any = None,
     names: Any = None,
 ) -> Structure:
-    """A checked structure of modes with contact and load `rows`; `compliance` (3, 3) of the others."""
-    order = np.argsort(stiffness, kind="stable")
-    stiffness, inertia, output = stiffness[order], inertia[order], output[order]
-    normal, tangential, load = (row[order] for row in rows)
-    vectors = None if vectors is None else vectors[:, order]
-    d1, d2 = (
-        checks.between(name, value, 0.0, 1e12, unit)
-        for name, value, unit in (("d1", rayleigh[0], "1/s"), ("d2", rayleigh[1], "s"))
-    )
-    if len(stiffness) == 1 and stiffness[0] == 0.0:
+    """A checked structure of modes, a `table` (6, m) of stiffness, normal, tangential, load, inertia and output.
+
+    `compliance` (3, 3) is that of the other modes; `vectors` and `names` of degrees of freedom are for messages.
+    """
+    m, order = table.shape[1], np.argsort(table[0], kind="stable")
+    d1, d2 = checks.between("d1", rayleigh[0], 0.0, 1e12, "1/s"), checks.between("d2", rayleigh[1], 0.0, 1e12, "s")
+    if m == 1 and table[0, 0] == 0.0:
         raise InputError(
             "frequency: the only mode is rigid, so that nothing vibrates; give more, or a higher fmax"
         )
-    for name, row in (("normal", normal), ("tangential", tangential), ("load", load)):
+    for name, row in zip(("normal", "tangential", "load"), table[1:4], strict=True):
         if not row.any():
             raise InputError(f"{name}: it must not be zero for every mode")
-    static = 0
+    table = table[:, order]
     if compliance is not None:
-        values, n, t, force = static_modes(compliance, float(stiffness.max()))
-        static = len(values)
-        stiffness, load = np.append(stiffness, values), np.append(load, force)
-        normal, tangential = np.append(normal, n), np.append(tangential, t)
-        inertia, output = (np.pad(row, (0, static)) for row in (inertia, output))
-    damping, by_mode = d1 + d2 * stiffness, damping_ratio is not None
-    if static:
-        damping[-static:] = 0.0
-    if by_mode:
-        m = len(stiffness) - static
-        damping[:m] += 2.0 * _ratios(damping_ratio, m) * np.sqrt(stiffness[:m])
-    _held(stiffness, normal, vectors, names)
-    own = None if by_mode else (d1, d2)
-    structure = Structure(stiffness, damping, normal, tangential, inertia, output, load, own, static)
+        springs = np.stack(static_modes(compliance, float(table[0].max())))
+        table = np.hstack([table, np.pad(springs, ((0, 2), (0, 0)))])
+    stiffness, normal, tangential, load, inertia, output = (row.copy() for row in table)
+    damping = np.where(np.arange(len(stiffness)) < m, d1 + d2 * stiffness, 0.0)
+    if ratio is not None:
+        damping[:m] += 2.0 * _ratios(ratio, m) * np.sqrt(stiffness[:m])
+    _held(stiffness, normal, None if vectors is None else vectors[:, order], names)
+    law, rows = None if ratio is not None else (d1, d2), (normal, tangential, inertia, output, load)
+    structure = Structure(stiffness, damping, *rows, normal, law, len(stiffness) - m)
     pressing, rounding = structure._normal_force
     if abs(pressing) <= rounding:
         return replace(structure, remarks=(f"load: {NO_PRELOAD}",))
@@ -599,8 +585,7 @@ def of_beams(rig: Rig, theta: float) -> Structure:
     load[:n1] = -upper.shapes[0, 1]
     damping = rig.d1 + rig.d2 * stiffness
     struck = np.where(np.arange(len(normal)) < n1, normal, 0.0)
-    own = Structure(stiffness, damping, normal, tangential, inertia, output, load, (rig.d1, rig.d2))
-    return replace(own, struck=struck)
+    return Structure(stiffness, damping, normal, tangential, inertia, output, load, struck, (rig.d1, rig.d2))
 
 
 def modal_structure(rig: ContactModel, theta: float) -> Structure:

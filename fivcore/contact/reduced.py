@@ -23,8 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore.beams.modes import one_blas_thread, residual_flexibility
-from fivcore.contact.impulse import at_impulses
-from fivcore.contact.law import DiscreteContact, ratio, resistance
+from fivcore.contact.law import DiscreteContact, at_impulses, ratio, resistance
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import ContactModel, Rig
@@ -54,32 +53,9 @@ CONTACT_DAMPING = 0.06
 
 @dataclass(frozen=True, eq=False)
 class ReducedModel(ReadOnlyArrays):
-    """Kept modes, and spring and dashpot for the residual flexibility of the others; arrays are read-only.
+    """Kept modes, and spring and dashpot for the residual flexibility of the others; arrays are read-only."""
 
-    Attributes
-    ----------
-    stiffness, damping : ndarray, (n,)
-        omega^2 in rad2/s2 and d1 + d2 omega^2 in 1/s.
-    normal, tangential : ndarray, (n,)
-        Gap shapes, kg^-1/2, as in `fivcore.beams.modes`.
-    inertia : ndarray, (n,)
-        Modal force for a unit acceleration of P2's clamp.
-    output : ndarray, (n,)
-        Displacement that is read, of B along x or a structure's `output`, for a unit of each modal coordinate.
-    load : ndarray, (n,)
-        Modal forces of a unit load on A.
-    kept : ndarray, (all modes,)
-        Which modes of `fivcore.beams.modes.contact_modes` these are.
-    K, C : ndarray, (2, 2)
-        Inverse of the residual flexibility, N/m, and its dashpot, N s/m; normal first. Zero: a rigid contact.
-    interval : float
-        Time between two samples, s.
-    load_gap : float
-        Static normal gap of the modes that are not kept under a unit load, m; 0 where a rigid mode closes it.
-    rigid_step : float
-        Default step in rigid contact, in units of the fastest mode's time.
-    """
-
+    # Of each kept mode, (n,), as in `Structure`; loads are in units of the preload.
     stiffness: Array
     damping: Array
     normal: Array
@@ -87,11 +63,16 @@ class ReducedModel(ReadOnlyArrays):
     inertia: Array
     output: Array
     load: Array
+    # Which of all modes these are, (all modes,).
     kept: NDArray[np.bool_]
+    # Inverse of the residual flexibility, N/m, and its dashpot, N s/m, (2, 2), normal first; zero: rigid contact.
     K: Array
     C: Array
+    # Time between two samples, s.
     interval: float = INTERVAL
+    # Static normal gap of the modes that are not kept under a unit load, m; 0 where a rigid mode closes it.
     load_gap: float = 0.0
+    # Default step in rigid contact, in units of the fastest mode's time.
     rigid_step: float = RIGID_STEP
 
     @cached_property
@@ -119,10 +100,6 @@ class ReducedModel(ReadOnlyArrays):
     def discrete(self, step: float) -> DiscreteContact:
         """The contact in steps of `fast`, s, corrected for impulses."""
         return _discrete(self, step)
-
-    def steepest_fall(self, step: float, mu: float) -> float:
-        """Largest -d mu / dv, s/m for a unit load, up to which slip is unique in a step of `fast`, s."""
-        return self.discrete(step).slip.steepest_fall(mu)
 
     def dissipation(self, contact: DiscreteContact) -> Array:
         """Damping of the dashpot by the mean rates of the gaps over a step, (2, 2), N s/m."""
@@ -221,10 +198,7 @@ def default_cutoff(rig: ContactModel) -> float:
 def reduced_model(rig: ContactModel, theta: float, cutoff: float | None = None) -> ReducedModel:
     """Return the modes below `cutoff`, Hz, by default that of `default_cutoff`, with a residual for the others.
 
-    Raises
-    ------
-    SceneValueError
-        For a cut-off that keeps fewer than three modes.
+    A cut-off that keeps fewer than three modes is a `SceneValueError`.
     """
     full, own = full_model(rig, theta), modal_structure(rig, theta).motion
     cutoff = default_cutoff(rig) if cutoff is None else cutoff

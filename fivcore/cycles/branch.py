@@ -177,17 +177,20 @@ def numbers_of(scene: Scene) -> dict[str, float]:
     found |= {name: getattr(scene.friction, name) for name in ("kinetic_ratio", "decay_speed")}
     if isinstance(rig, Rig):
         found |= {name: getattr(rig, name) for name in RIG_PARAMETERS}
-        found |= {f"{beam}_{name}": getattr(getattr(rig, beam), name) for beam in PAPER for name in BEAM_PARAMETERS}
+        found |= {
+            f"{beam}_{name}": getattr(getattr(rig, beam), name) for beam in PAPER for name in BEAM_PARAMETERS
+        }
     return {name: value for name, value in found.items() if isinstance(value, float)}
 
 
 def with_value(scene: Scene, name: str, value: float) -> Scene:
     """The scene with another value of one of `numbers_of`."""
+    change: Any = {name: value}
     if hasattr(scene, name):
-        return replace(scene, **{name: value})
+        return replace(scene, **change)
     if hasattr(scene.friction, name):
-        return replace(scene, friction=replace(scene.friction, **{name: value}))
-    return replace(scene, rig=Rig.of(**vars(scene.rig) | {name: value}))
+        return replace(scene, friction=replace(scene.friction, **change))
+    return replace(scene, rig=Rig.of(**vars(scene.rig) | change))
 
 
 @one_blas_thread()

@@ -11,7 +11,7 @@ and the roots of the springs, so that the sum of squares is an energy; and 1, so
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
@@ -44,6 +44,10 @@ class Segment(NamedTuple):
     start: Array
 
 
+# A segment, and the next status with its start.
+Happening = tuple[Segment, int, Array]
+
+
 class Flow:
     """Motion of a scene in each contact status; `like` is a flow whose modes' signs its modes have.
 
@@ -54,14 +58,15 @@ class Flow:
     """
 
     def __init__(self, scene: Normalised, options: Options, like: Flow | None = None) -> None:
-        self.scene, self.options, self.run = scene, options, self._started(scene, options)
+        self.scene, self.options, self.run = scene, options, started(scene, options)
         self.model, self.rigid, n = self.run.model, self.run.rigid, len(self.run.model.stiffness)
         model, signs = self.model, np.ones(n)
         if like is not None:
             now, then = (np.stack([*each.shapes, each.output]) for each in (model, like.model))
             if now.shape != then.shape:
                 raise SceneValueError("scene: it has not as many modes as the one before; give a cutoff")
-            signs = np.sign(like.units[n : 2 * n]) * np.where(np.sum(now * then, axis=0) < 0.0, -1.0, 1.0)
+            signs = like.signs * np.where(np.sum(now * then, axis=0) < 0.0, -1.0, 1.0)
+        self.signs: Array = signs
         fastest = float(np.sqrt(model.stiffness.max())) if self.rigid else model.contact_frequency
         self.grid = (RIGID_GRID if self.rigid else COMPLIANT_GRID) / fastest
         omega = np.sqrt(np.where(model.stiffness > 0.0, model.stiffness, fastest**2))
@@ -71,14 +76,10 @@ class Flow:
         # Gap and rates of the gaps, of (y, 1).
         none = np.zeros(n)
         self._gap = np.concatenate([model.normal, none, [1.0, 0.0, 0.0]])
-        self._rates = np.array([[*none, *model.normal, 0, 0, 0], [*none, *model.tangential, 0, 0, -self._drive[1]]])
+        self._rates = np.zeros((2, len(self._gap)))
+        self._rates[:, n : 2 * n], self._rates[1, -1] = model.shapes, -scene.speed_per_load
         self.velocity_B = np.concatenate([none, signs * model.output, [0.0, 0.0, 0.0]])
         self._laws: dict[int, Array] = {}
-
-    @staticmethod
-    def _started(scene: Normalised, options: Options, initial: State | None = None) -> ExactRun:
-        how = {"ramp": 0.0, "cutoff": options.cutoff, "modify": options.modify, "initial": initial}
-        return ExactRun(scene, RunOptions(duration=NEVER, step=NEVER, method="exact", **how))
 
     # The law of a status.
 
@@ -135,7 +136,17 @@ class Flow:
         run.enter(0.0, status, z[:-1] / self.units)
         run.motion[-2] = self.grid
         event = kernels.follow(
-            run.motion, status, 0.0, time, heeds, run.system, self._drive, run.zeros, run.step, run.record, *NOWHERE
+            run.motion,
+            status,
+            0.0,
+            time,
+            heeds,
+            run.system,
+            self._drive,
+            run.zeros,
+            run.step,
+            run.record,
+            *NOWHERE,
         )
         if event < kernels.NOTHING:
             run.check(float(run.motion[-2]), 0.0)
@@ -170,11 +181,8 @@ class Flow:
 
     # Events.
 
-    def to_event(self, status: int, z: Array, most: float, plane: Array | None) -> tuple[Segment, int, Array] | None:
-        """The segment from z to the first event or, upwards, a plane (m + 1,), and the next status with its start.
-
-        None if nothing happens within `most`, s.
-        """
+    def to_event(self, status: int, z: Array, most: float, plane: Array | None) -> Happening | None:
+        """What ends the segment from z: the first event or, upwards, a plane (m + 1,), if within `most`, s."""
         event, time, end = self._follow(status, z, most, True)
         if plane is not None and (crossed := self._crossing(status, z, time, plane)):
             time, end = crossed
@@ -220,8 +228,8 @@ class Flow:
                 sticks = abs(tangential) <= abs(m) * normal
                 if not (sticks or self.scene.friction.constant):
                     raise SceneValueError(
-                        "friction: it falls with the speed and the rigid contact opens; limit cycles need a constant"
-                        " coefficient in impacts, or a structure with a compliant contact"
+                        "friction: it falls with the speed and the rigid contact opens; limit cycles need a"
+                        " constant coefficient in impacts, or a structure with a compliant contact"
                     )
             slides = np.outer((model.normal + m * model.tangential) / (W[0, 0] + m * W[0, 1]), self._rates[0])
             E[n : 2 * n] -= model.shapes.T @ stick if sticks else slides
@@ -234,7 +242,7 @@ class Flow:
         """Contact status and z of a state of the scene, in its own units."""
         load = self.scene.load
         own = State(state.displacement / load, state.velocity / load, state.contact, True)
-        run = self._started(self.scene, self.options, own)
+        run = started(self.scene, self.options, own)
         return run.which, np.append(run.motion[:-7] * self.units, 1.0)
 
     def state(self, status: int, z: Array) -> State:
@@ -243,3 +251,11 @@ class Flow:
         end = State.end_of(self.scene, self.run, np.zeros(0))
         return State(end.displacement, end.velocity, min(status, SLIP_UP), True)
 
+
+def started(scene: Normalised, options: Options, initial: State | None = None) -> ExactRun:
+    """A run of "exact" that begins in a normalised state, by default at rest, and reads nothing."""
+    options = RunOptions(
+        duration=NEVER, step=NEVER, method="exact", ramp=0.0, cutoff=options.cutoff, modify=options.modify,
+        initial=initial,
+    )  # fmt: skip
+    return ExactRun(scene, options)

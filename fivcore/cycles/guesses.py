@@ -94,7 +94,8 @@ def guesses_of(scene: Scene, flow: Flow, guess: Any, options: Options, duration:
 
 def from_state(flow: Flow, state: Any, about: float | None = None) -> list[Guess]:
     """From a state of the scene, in its own units, and near a period, s."""
-    return recurrent(flow, *flow.of_state(state), span=1e5 * flow.grid if about is None else 30.0 * about, about=about)
+    span = 1e5 * flow.grid if about is None else 30.0 * about
+    return recurrent(flow, *flow.of_state(state), span=span, about=about)
 
 
 def motion(scene: Scene, duration: float, options: Options) -> Any:

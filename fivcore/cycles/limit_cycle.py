@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from fivcore.beams.modes import one_blas_thread
 from fivcore.cycles import guesses, shooting
-from fivcore.cycles.flow import SLIP_RATE, Flow, N, Segment, T
+from fivcore.cycles.flow import Flow, Segment
 from fivcore.cycles.shooting import Linear
 from fivcore.errors import InputError, SceneError, UnsolvedError
 from fivcore.jit import Array, Complex
 from fivcore.rig import Scene
 from fivcore.transient.driver import located
+from fivcore.transient.exact_kernels import SLIP_RATE, N, T
 from fivcore.transient.normalised import State
 from fivcore.transient.options import Options, options_of
 from fivcore.transient.simulate import request

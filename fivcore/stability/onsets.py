@@ -233,7 +233,7 @@ def divergence_onset(p: Array, c: Array, a: Array, b: Array, mu_max: float) -> f
     low, high, lowest = logs[max(k - 1, 0)], logs[min(k + 1, REAL - 1)], values[k]
     for _ in range(50):
         third = (high - low) / 3.0
-        one, other = (_inverse_friction(low + third, p, c, a, b), _inverse_friction(high - third, p, c, a, b))
+        one, other = _inverse_friction(low + third, p, c, a, b), _inverse_friction(high - third, p, c, a, b)
         lowest = min(lowest, one, other)
         low, high = (low, high - third) if one < other else (low + third, high)
     return -1.0 / lowest if lowest * mu_max <= -1.0 else np.nan

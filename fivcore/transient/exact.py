@@ -37,10 +37,10 @@ from fivcore.friction import slip_speed
 from fivcore.jit import Array
 from fivcore.transient import exact_kernels as kernels
 from fivcore.transient.exact_kernels import NOTHING, SLIP_DOWN, SLIP_UP, ZERO
-from fivcore.transient.normalised import Normalised, State, residual_gaps
+from fivcore.transient.normalised import Normalised, residual_gaps
 from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import ENERGIES, SAMPLE, SEPARATION, SLIP, STICK
-from fivcore.transient.stepped import SteppedRun
+from fivcore.transient.stepped import Run
 
 # An event this soon after another is not acted on, s.
 DWELL = 1e-10
@@ -52,15 +52,11 @@ READING_STEP, SEGMENT, SHORT = 1e-6, 0.04, 1e-7
 AT_REST = 1e-9
 
 
-class ExactRun(SteppedRun):
+class ExactRun(Run):
     """One run in progress; `held` counts the events within DWELL of the last one.
 
-    Raises
-    ------
-    SceneValueError
-        Where a contact with a spring has no dashpot, or is rigid and its directions are parallel.
-    ContactError
-        Where the contact force is not unique, or slip grows too fast to be resolved.
+    A contact with a spring and no dashpot is a `SceneValueError`, as is a rigid one with parallel directions; a
+    force that is not unique, or slip that grows too fast to be resolved, a `ContactError`.
     """
 
     READ_AT = 0.5
@@ -76,8 +72,8 @@ class ExactRun(SteppedRun):
                 f"cutoff = {cutoff:g}: the contact has no dashpot, which method 'exact' needs; use a cutoff that"
                 " leaves out more modes, or method 'fast'"
             )
-        # Change of (N, T) with the rates of the gaps, in rigid contact with their accelerations.
-        self._resistance = resistance(model.W) if self.rigid else model.C
+        # Of a rigid contact, change of (N, T) with the accelerations of the gaps.
+        self._resistance = resistance(model.W) if self.rigid else np.zeros((2, 2))
         # Of a contact that slips, at the lowest speed, over the static coefficient.
         ratio = scene.friction.kinetic_ratio if scene.friction.decay_speed == 0.0 else 1.0
         limit = model.painleve_mu(None) / ratio if ratio > 0.0 else np.inf
@@ -109,10 +105,9 @@ class ExactRun(SteppedRun):
             if not self.rigid:
                 y[2 * n :] = residual_gaps(scene, model.kept, initial) - self._gaps_at_rest
         # In a ramp of 10 ns the acceleration is so large that the motion would be lost in its rounding.
-        self._ramp = options.ramp if options.ramp >= SHORT * unit else 0.0
-        if initial is not None and initial.running:
-            self._ramp = 0.0
-        elif self._ramp == 0.0:
+        starts = initial is None or not initial.running
+        self._ramp = options.ramp if starts and options.ramp >= SHORT * unit else 0.0
+        if starts and self._ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(y)
         # Rigid surfaces that slip may start with any rates: an impact corrects them.
@@ -133,10 +128,8 @@ class ExactRun(SteppedRun):
         while (t := float(self.motion[-3])) < goal:
             boundary, acceleration = self._drive(t)
             before = self.motion[-7:-3].copy()
-            deaf, drive = (
-                self._deaf > t,
-                np.array([0.0, 0.0 if acceleration else self._clamp_velocity(t), acceleration]),
-            )
+            drive = np.array([0.0, 0.0 if acceleration else self._clamp_velocity(t), acceleration])
+            deaf = self._deaf > t
             end = min(goal, boundary, self._deaf if deaf else goal)
             event = kernels.follow(
                 self.motion, self.which, self._origin, end, not deaf, self.system, drive, self.zeros,
@@ -163,7 +156,7 @@ class ExactRun(SteppedRun):
         if not np.isfinite(y).all():
             raise DivergenceError(f"the motion has blown up at t = {t:.6g} s")
         if which == STICK and not self.rigid:
-            (N, _), C, law = self._sticking_force(t, y), model.C, self.scene.friction
+            (N, _), C, law = self._forces(t, y, STICK), model.C, self.scene.friction
             self.check(N, C[1, 1] - self.scene.mu * (abs(C[0, 1]) - law.slope(0.0) * N))
         omega = np.sqrt(np.where(model.stiffness > 0.0, model.stiffness, model.stiffness.max()))
         # Root of the energy; at rest, that of the fastest mode under a unit force.
@@ -210,19 +203,19 @@ class ExactRun(SteppedRun):
             if opens:
                 self.enter(t, SEPARATION, y)
                 return
-        N, T = self._sticking_force(t, y)
+        N, T = self._forces(t, y, STICK)
         up = slip_rate < 0.0 if slip_rate else T > 0.0
         # Rigid surfaces without a slip rate stick, but a compliant contact only where kinetic friction holds it.
         most = self.scene.mu if was == STICK or self.rigid else self.slipping
         sticks = slip_rate == 0.0 and N > 0.0 and abs(T) <= most * N
-        if not sticks and self._slipping_force(N, T, up, slip_rate) <= 0.0:
+        which = STICK if sticks else SLIP_UP if up else SLIP_DOWN
+        if not sticks and self._forces(t, y, which)[0] <= 0.0:
             self.enter(t, SEPARATION, y)
             return
         if not self.rigid:
             # Contact is entered with a u_N of its own, which is not yet that of the gap.
             y[-2] = -g_N
             self.record["impact"] += energy - self._energy_of(y)
-        which = STICK if sticks else SLIP_UP if up else SLIP_DOWN
         self.enter(t, which, y)
 
     def _close(self, t: float, y: Array, was: int, even: bool) -> tuple[bool, float]:
@@ -246,23 +239,12 @@ class ExactRun(SteppedRun):
         past = was >= SLIP_UP and (slip_rate > 0.0) == (was == SLIP_UP)
         return False, 0.0 if even or past or was == STICK or abs(slip_rate) <= zero[1] else slip_rate
 
-    def _sticking_force(self, t: float, y: Array) -> Array:
-        """(N, T) of a contact that sticks in the full state `y`."""
-        (q, v), model = np.split(y[:-2], 2), self.model
-        if self.rigid:
-            acceleration = self._drive(t)[1]
-            free = model.inertia * acceleration - model.damping * v - model.stiffness * q
-            return np.asarray(self._resistance @ ([0.0, acceleration] - model.shapes @ free) + [1.0, 0.0])
-        rates = np.array([0.0, self._clamp_velocity(t)]) - model.shapes @ v
-        return np.asarray(model.K @ np.array([-(model.normal @ q), y[-1]]) + model.C @ rates + [1.0, 0.0])
-
-    def _slipping_force(self, N: float, T: float, up: bool, slip_rate: float) -> float:
-        """N in slip with T > 0 (`up`) or T < 0, from (N, T) in stick."""
-        sense = 1.0 if up else -1.0
-        if self.rigid:
-            m = sense * self.scene.mu * self.scene.friction.ratio(slip_rate)
-            return slipping_force(N, T, m, self._resistance)
-        return float(N - sense * self.model.C[0, 1] * kernels.sliding(N, T, self.model.C, self._law, sense)[0])
+    def _forces(self, t: float, y: Array, which: int) -> tuple[float, float]:
+        """N and T of a closed contact in a status and the full state `y`."""
+        z, drive = np.pad(y, (0, 4)), np.array([0.0, self._clamp_velocity(t), self._drive(t)[1]])
+        z[-6] = -(self.model.normal @ y[: len(self.model.normal)])
+        N, T, *_ = kernels.rates_of(z, which, self.system, drive, np.empty_like(z))
+        return N, T
 
     def check(self, N: float, slack: float) -> None:
         """Raise an error where the slip rate is not unique: T - s mu N does not rise with u_T'."""
@@ -291,8 +273,7 @@ class ExactRun(SteppedRun):
         return (min(self._ramp, end), self.scene.speed_per_load / self._ramp) if t < self._ramp else (end, 0.0)
 
     def _clamp_velocity(self, t: float) -> float:
-        ramp = self._ramp
-        return self.scene.speed_per_load * (t / ramp if t < ramp else 1.0)
+        return self.scene.speed_per_load * (t / self._ramp if t < self._ramp else 1.0)
 
     def _energy_of(self, y: Array) -> float:
         model, n = self.model, len(self.model.stiffness)
@@ -312,7 +293,7 @@ class ExactRun(SteppedRun):
 
 @one_blas_thread()
 def grows(system: Any, size: int, which: int, rate: float) -> bool:
-    """Whether a motion so small that friction is linear in it grows faster than a rate, 1/s, in a contact status."""
+    """Whether a status' motion, so small that friction is linear in it, grows faster than a rate, 1/s."""
     law = kernels.affine_law(np.zeros(size + 1), 1.0, np.ones(size), which, system, np.zeros(3))
     matrix: Array = matrix_balance(law[kernels.RATES :, :-1], permute=False)[0]
     # No eigenvalue is larger than a norm.
@@ -324,22 +305,14 @@ def slipping_force(N: float, T: float, m: float, resistance: Array) -> float:
     return float(N - resistance[0, 1] * ((T - m * N) / (resistance[1, 1] - m * resistance[0, 1])))
 
 
-def states_at(
-    scene: Normalised,
-    times: Array,
-    *,
-    ramp: float,
-    cutoff: float | None = None,
-    initial: State | None = None,
-    step: float | None = None,
-) -> Array:
+def states_at(scene: Normalised, times: Array, *, step: float | None = None, **given: Any) -> Array:
     """Exact motion at ascending `times` (m,), s; the others are options, without a step as few as possible.
 
     Returns modal displacements, modal velocities, those of P2 relative to its clamp, and (u_N, u_T),
     (m, 2n + 2); displacements are deviations from those under the load alone; normalised (F = 1).
     """
     end = float(times[-1]) + DWELL
-    options = RunOptions(duration=end, method="exact", ramp=ramp, cutoff=cutoff, initial=initial, step=step or end)
+    options = RunOptions(duration=end, method="exact", step=step or end, **given)
     run = ExactRun(scene, options)
     # Nothing is kept but the states.
     run.record["sample_every"], run.record["stick_room"] = np.iinfo(np.int64).max, 0

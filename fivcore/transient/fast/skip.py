@@ -148,10 +148,8 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
         wide[:, :, :size] = rows.reshape(len(rows), 2, size)
         return wide.reshape(len(rows), -1)
 
-    plain, mixed = (
-        left @ by_vectors / (1.0 - np.outer(powers, z))
-        for left, powers in ((by_vectors.T, z), (by_vectors.conj().T, z.conj()))
-    )
+    plain = by_vectors.T @ by_vectors / (1.0 - np.outer(z, z))
+    mixed = by_vectors.conj().T @ by_vectors / (1.0 - np.outer(z.conj(), z))
     form = 0.5 * np.block([
         [plain.real + mixed.real, -plain.imag - mixed.imag],
         [-plain.imag + mixed.imag, mixed.real - plain.real],
