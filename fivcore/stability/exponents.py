@@ -32,7 +32,7 @@ from fivcore.structure import Structure
 # Exponents are listed up to |phi| = LARGEST_PHI; undamped eigenvalues up to LARGEST times the largest of the band.
 LARGEST_PHI, LARGEST = 2.0, 5.0
 # `FAR` and `BLOCKS` of the eigenproblem; how much more than what is listed its eigenvalues may be.
-COARSE_FAR, COARSE_BLOCKS, MARGIN = 6.0, 2, 1.02
+COARSE_FAR, COARSE_BLOCKS, MARGIN = 9.0, 2, 1.02
 # Damping that is none; real shifts, of which that is used where f is farthest from 0; the longest way of a root by
 # Newton steps, as a share of it.
 FAINT, SHIFTS, FURTHEST = 1e-12, (1.3, 0.55, 2.4), 0.05
