@@ -111,10 +111,11 @@ def classify_interval(
         if clear <= 0.0:
             return SPLIT, w, np.nan
         u = 1.0 / clear
-        share = complex(abs(a[i]), abs(b[i])) * (shift * u * u)
-        s2 += share
-        s3 += share * u
-        s4 += share * (u * u)
+        # Not complex numbers times u, which would be products of complex numbers.
+        of_a, of_b, square = abs(a[i]) * (shift * u * u), abs(b[i]) * (shift * u * u), u * u
+        s2 += complex(of_a, of_b)
+        s3 += complex(of_a * u, of_b * u)
+        s4 += complex(of_a * square, of_b * square)
     # Bounds on first and second derivatives of A + i B: whole (w), and of the parts divided by y (i).
     w1, w2, i1, i2 = l1 * s2, 2.0 * l1 * l1 * s3 + l2 * s2, 2.0 * l1 * s3, 6.0 * l1 * l1 * s4 + 2.0 * l2 * s3
     aw1, bw1, ai1, bi1 = w1.real, w1.imag, i1.real, i1.imag
