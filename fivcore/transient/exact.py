@@ -39,7 +39,7 @@ from fivcore.transient import exact_kernels as kernels
 from fivcore.transient.exact_kernels import NOTHING, SLIP_DOWN, SLIP_UP, ZERO
 from fivcore.transient.normalised import Normalised, residual_gaps
 from fivcore.transient.options import RunOptions
-from fivcore.transient.statistics import ENERGIES, SAMPLE, SEPARATION, SLIP, STICK
+from fivcore.transient.statistics import ENERGIES, SAMPLE, SEPARATION, STICK
 from fivcore.transient.stepped import Run
 
 # An event this soon after another is not acted on, s.
@@ -110,8 +110,8 @@ class ExactRun(Run):
         if starts and self._ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(y)
-        # Rigid surfaces that slip may start with any rates: an impact corrects them.
-        self._decide(0.0, y, options.contact, touchdown=self.rigid and options.contact == SLIP)
+        # Rigid surfaces may start with any rates: an impact corrects them, and does nothing to surfaces at rest.
+        self._decide(0.0, y, options.contact, touchdown=self.rigid and options.contact != SEPARATION)
 
     def state(self) -> tuple[Array, Array, Array]:
         """Displacements from rest and velocities of the modes, and the gaps of the others."""
@@ -224,7 +224,7 @@ class ExactRun(Run):
         parts, W = model.shapes * v, model.W
         rates, zero = parts.sum(axis=1) - [0.0, P], AT_REST * np.add(np.abs(parts).sum(axis=1), [0.0, P])
         q -= model.normal * (model.normal @ q / W[0, 0])
-        impulse = -self._resistance @ rates if was == STICK else np.array([-rates[0] / W[0, 0], 0.0])
+        impulse = np.array([-rates[0] / W[0, 0], 0.0])
         if was == SEPARATION:
             if rates[0] > zero[0]:
                 return True, 0.0
