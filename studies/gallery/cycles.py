@@ -27,6 +27,7 @@ from fivcore.errors import SceneError, UnsolvedError
 from studies import labels
 from studies.gallery import hysteresis, knock
 from studies.motion import regimes, run, starts
+from studies.motion.jobs import Job, run_all
 from studies.parameters import RIG, RUN, SCENE, rig_numbers
 from studies.plotting import figures, general, planes
 from studies.spec import evenly
@@ -134,7 +135,10 @@ def sought(
     for _ in range(TRIES if ends else 1):
         try:
             if ends:
-                ends = simulate(scene, 2.0 * hold, initial=ends[0], **model).final_state, ends[1]
+                (motion,) = run_all([Job(scene, 2.0 * hold, {"initial": ends[0], **model})])
+                if isinstance(motion, SceneError) or motion.final_state is None:
+                    return None
+                ends = motion.final_state, ends[1]
             return limit_cycle(scene, ends, duration=2.0 * hold, **model)
         except (UnsolvedError, SceneError):
             continue
@@ -327,9 +331,9 @@ def _draw_point(column: Any, point: xr.Dataset) -> None:
 STUDY = Study(
     name="cycles",
     title="Limit cycles over one parameter",
-    question="Which periodic motions are there, stable or not, where do they begin and end, and do they bound what "
-    "runs and knocks show?",
-    paper="Section 3.5.4: vibration settles to a period of stick, slip and separation; nothing on unstable periods.",
+    question="Which periodic motions are there, stable or not, where do they begin and end, and do they bound "
+    "what runs and knocks show?",
+    paper="Section 3.5.4: vibration settles to a period of stick, slip and separation.",
     parameters={
         "d2": replace(RIG["d2"], default=np.array([1e-8, 1e-6])),
         "mu": Parameter(evenly(0.08, 0.125, 46), "1", SCENE["mu"].text, inner=True),
