@@ -272,9 +272,9 @@ def cycle_text(point: xr.Dataset) -> str:
     if np.isfinite(value["cycle_frequency"]):
         kind = "stable" if value["cycle_multiplier"] < 1.0 else "unstable"
         return (
-            f"The limit cycle at {where}, {frequency} Hz, reaches {force} N and {speed} mm/s. It is {kind}: its largest "
-            f"multiplier is {multiplier}. The motion is near it for {share} of the time: over a period normal force "
-            f"and velocity of B differ from the cycle's by less than {NEAR:g} of their deviations on it."
+            f"The limit cycle at {where}, {frequency} Hz, reaches {force} N and {speed} mm/s. It is {kind}: its "
+            f"largest multiplier is {multiplier}. The motion is near it for {share} of the time: over a period "
+            f"normal force and velocity of B differ from the cycle's by less than {NEAR:g} of their deviations."
         )
     if np.isfinite(value["cycle_d2"]):
         return (

@@ -20,7 +20,6 @@ from fivcore import (
     checks,
     follow_cycle,
     limit_cycle,
-    simulate,
     sliding_onsets,
 )
 from fivcore.errors import SceneError, UnsolvedError
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Settings of the search for a threshold that keep their usual values.
-KNOCK = ("largest_knock", "resolution")
+KNOCK = {name: knock.PARAMETERS[name].default for name in ("largest_knock", "resolution")}
 # What is kept of each cycle.
 KEPT = ("value", "frequency", "rms", "multiplier", "branch")
 # Places that are kept, and onsets; points of a figure side by side.
@@ -84,7 +83,7 @@ def of_chain(
     tried: list[tuple[int, Any]] = []
     for k in spread(np.flatnonzero(both), edges):
         scene, options = chain[k], model | {"duration": None, "step": None}
-        for key, value in knock.threshold(scene, *(knock.PARAMETERS[n].default for n in KNOCK), options).items():
+        for key, value in knock.threshold(scene, KNOCK["largest_knock"], KNOCK["resolution"], options).items():
             thresholds[key][k] = value
         if np.isfinite(hit := thresholds["knock_threshold"][k]):
             q, (_, v) = starts.equilibrium(scene), starts.directions(scene, ["knock"])[0]
@@ -99,29 +98,24 @@ def of_chain(
         cycle = sought(chain[k], guess, hold, model)
         if cycle is None:
             continue
-        sides = []
-        for end in ends:
-            branch = (
-                follow_cycle(cycle, name, end, most=most)
-                if end != at
-                else CycleBranch(name, [at], [cycle], [], "")
-            )
-            sides.append((branch, [point_of(*each) for each in zip(branch.values, branch.cycles, strict=True)]))
-        (back, before), (forth, after) = sides
+        (back, before), (forth, after) = (side(cycle, name, at, end, most) for end in ends)
         first = sum(map(len, branches)) + len(before) - 1
-        places += [(*each[:2], first - each[2]) for each in places_of(back, ends)]
-        places += [(*each[:2], first + each[2]) for each in places_of(forth, ends)]
+        places += [(value, text, first - index) for value, text, index in places_of(back, ends)]
+        places += [(value, text, first + index) for value, text, index in places_of(forth, ends)]
         branches.append(np.array([*before[::-1], *after[1:]]))
     rows = [np.column_stack([branch, np.full(len(branch), j + 1.0)]) for j, branch in enumerate(branches)]
     table = np.vstack([*rows, np.full(((edges + 1) * 2 * most - sum(map(len, rows)), 5), np.nan)])
-    value, text, number = zip(*(sorted(places) + [(np.nan, "", np.nan)] * PLACES)[:PLACES], strict=True)
+    padded = [*sorted(places), *[(np.nan, "", np.nan)] * PLACES][:PLACES]
     onsets = np.full(ONSETS, np.nan)
     if name in ("mu", "V", "F"):
         crossed = sliding_onsets(chain[0], name, max(ends[0], 1e-12), ends[1], run.BAND)
         rising = crossed.value[crossed.change > 0][:ONSETS]
         onsets[: len(rising)] = rising
     kept = {f"cycle_{key}": column for key, column in zip(KEPT, table.T, strict=True)}
-    kept |= {"place_value": value, "place_text": np.array(text, dtype=object), "place_number": number}
+    kept |= {
+        key: np.array(column, dtype=kind)
+        for key, kind, column in zip(PLACE, "fOf", zip(*padded, strict=True), strict=True)
+    }
     return thresholds | kept | {"onset_value": onsets}
 
 
@@ -154,7 +148,7 @@ def places_of(branch: CycleBranch, ends: Sequence[float]) -> Iterator[tuple[floa
         yield float(value), text, k
     if min(ends) < values[-1] < max(ends) and not branch.end.startswith(("birth", branch.parameter)):
         reason = re.sub(rf" (at|beyond) {branch.parameter} = [^\s,]+", "", branch.end)
-        yield float(values[-1]), f"end: {reason}" if reason else "", len(values) - 1
+        yield float(values[-1]), f"end: {reason}", len(values) - 1
 
 
 def value_of(scene: Scene, name: str) -> float:
@@ -169,9 +163,16 @@ def spread(places: Any, count: int) -> list[int]:
     return [*dict.fromkeys(int(places[round(share)]) for share in shares)]
 
 
-def point_of(value: float, cycle: LimitCycle) -> tuple[float, ...]:
-    """What is kept of a cycle: the parameter, frequency, RMS and largest multiplier."""
-    return float(value), cycle.frequency, cycle.summary["velocity_rms"], cycle.summary["largest_multiplier"]
+def side(cycle: LimitCycle, name: str, at: float, end: float, most: int) -> tuple[CycleBranch, list[Any]]:
+    """The branch to one side and what is kept of its cycles: parameter, frequency, RMS and largest multiplier."""
+    branch = CycleBranch(name, np.array([at]), [cycle], [], name)
+    if end != at:
+        branch = follow_cycle(cycle, name, end, most=most)
+    kept = [
+        (float(value), one.frequency, one.summary["velocity_rms"], one.summary["largest_multiplier"])
+        for value, one in zip(branch.values, branch.cycles, strict=True)
+    ]
+    return branch, kept
 
 
 def passes(branch: Any, value: float, stable: bool) -> bool:
@@ -205,45 +206,35 @@ def each_point(dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
         yield ", ".join(labels.named(dim, point[dim]) for dim in dims), point
 
 
-def where(point: xr.Dataset, values: Any) -> str:
-    """Values of the followed parameter for a reader."""
-    (unit, factor), values = labels.unit_of(point[hysteresis.followed(point)]), np.ravel(values)
-    return f"{', '.join(f'{factor * value:.5g}' for value in values)} {unit}".rstrip()
-
-
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """Where there are stable and unstable cycles, where they begin and end, and what runs say beside them."""
-    name, lists, knocks = labels.title(hysteresis.followed(dataset)), [], []
+    name, rows = hysteresis.followed(dataset), []
+    unit, factor = labels.unit_of(dataset[name])
     for text, point in each_point(dataset):
-        value, onsets = point["cycle_value"].values, point["onset_value"].dropna("onset").values
-        stable, parts = point["cycle_multiplier"].values < 1.0, []
-        for kind, chosen in (("stable", stable), ("unstable", np.isfinite(value) & ~stable)):
+        value, hertz, multiplier = (point[f"cycle_{key}"].values for key in ("value", "frequency", "multiplier"))
+        onsets, parts = point["onset_value"].dropna("onset").values, []
+        for kind, chosen in (("stable", multiplier < 1.0), ("unstable", multiplier >= 1.0)):
             if chosen.any():
-                ends, hertz = value[chosen], point["cycle_frequency"].values[chosen]
-                parts.append(
-                    f"{kind} ones from {name} = {where(point, ends.min())} to {where(point, ends.max())}, "
-                    f"{hertz.min():.0f} to {hertz.max():.0f} Hz"
-                )
-        folds = value_at(point, "fold")
-        parts += [f"folds at {where(point, folds)}"] * bool(len(folds))
-        parts += [f"onset of flutter at {where(point, onsets)}"] * bool(len(onsets))
-        if ends := hysteresis.interval(point):
-            low, high = (where(point, each[0]) for each in ends)
-            parts.append(f"runs up and down differ from {low} to {high}")
-        found = "Limit cycles" if np.isfinite(value).any() else "No limit cycle is found"
-        yield f"{found} at {text}: {'; '.join(parts) or 'nothing else is either'}."
-        for at, what in zip(point["place_value"].values, point["place_text"].values, strict=True):
-            lists += [(text, where(point, at), str(what))] if what else []
-        threshold = labels.readable(point["knock_threshold"].dropna(name := hysteresis.followed(point)))
-        knocks += [(text, where(point, at), float(threshold.sel({name: at}))) for at in threshold[name].values]
-        name = labels.title(name)
-    yield "Places where a branch changes", pd.DataFrame(lists, columns=["point", name, "what"])
-    yield "Smallest knocks that start vibration", pd.DataFrame(knocks, columns=["point", name, "mN s"])
-
-
-def value_at(point: xr.Dataset, text: str) -> Any:
-    """Where a branch has this place."""
-    return point["place_value"].values[point["place_text"].values.astype(str) == text]
+                ends = " to ".join(f"{factor * end:.5g}" for end in (value[chosen].min(), value[chosen].max()))
+                parts.append(f"{kind} ones from {ends}, {hertz[chosen].min():.0f} to {hertz[chosen].max():.0f} Hz")
+        texts = point["place_text"].values.astype(str)
+        rows += [
+            (text, f"{factor * at:.5g}", what)
+            for at, what in zip(point["place_value"].values, texts, strict=True)
+            if what
+        ]
+        found = {"fold": point["place_value"].values[texts == "fold"], "onset of flutter": onsets}
+        parts += [
+            f"{what} at {', '.join(f'{factor * x:.5g}' for x in at)}" for what, at in found.items() if len(at)
+        ]
+        if both := hysteresis.interval(point):
+            parts.append(f"runs up and down differ from {factor * both[0][0]:.4g} to {factor * both[1][0]:.4g}")
+        knocks = labels.readable(point["knock_threshold"].dropna(name)).values
+        parts += [f"knocks from {knocks.min():.3g} to {knocks.max():.3g} mN s start vibration"] * bool(len(knocks))
+        head = "Limit cycles" if np.isfinite(value).any() else "No limit cycle is found"
+        over = f"over {labels.title(name)}{f' in {unit}' if unit else ''} at {text}"
+        yield f"{head} {over}: {'; '.join(parts) or 'runs up and down are the same'}."
+    yield "Places where a branch changes", pd.DataFrame(rows, columns=["point", labels.title(name), "what"])
 
 
 def draw(dataset: xr.Dataset) -> Figure:
@@ -273,7 +264,7 @@ def draw(dataset: xr.Dataset) -> Figure:
 
 
 # Of places by their texts, and the text of a birth.
-BIRTH, MARKERS = "birth from steady sliding", "oDs^<>phH8P"
+BIRTH, ENDS, MARKERS = "birth from steady sliding", "branch not followed further", "oDs^<>phH8P"
 
 
 def _draw_point(column: Any, point: xr.Dataset) -> None:
@@ -303,7 +294,12 @@ def _draw_point(column: Any, point: xr.Dataset) -> None:
             "linestyle": "none",
         }
         column[0].plot(
-            value[at], 1e3 * point["cycle_rms"].values[at], **look, markersize=5.0, label=text, zorder=3
+            value[at],
+            1e3 * point["cycle_rms"].values[at],
+            **look,
+            markersize=5.0,
+            label=ENDS if text.startswith("end") else text,
+            zorder=3,
         )
     for k, (way, colour, marker) in enumerate(
         zip(("up", "down"), (figures.GREEN, figures.RED), "^v", strict=True)
