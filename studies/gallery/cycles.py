@@ -78,7 +78,7 @@ def of_chain(
     """Thresholds and branches, from the edge where two motions are stable, and from a periodic vibration."""
     model = {key: how[key] for key in ("cutoff", "numerical_damping")}
     ends, vibrates = [value_of(chain[k], name) for k in (0, -1)], regimes.is_of(regime, *regimes.VIBRATING)
-    both, periodic = vibrates[:, 1] & ~vibrates[:, 0], regimes.is_of(regime, "periodic")[:, 0]
+    both, periodic = vibrates[:, 1] != vibrates[:, 0], regimes.is_of(regime, "periodic")[:, 0]
     thresholds = {key: np.full(len(chain), np.nan) for key in knock.OUTPUTS}
     tried: list[tuple[int, Any]] = []
     for k in spread(np.flatnonzero(both), edges):
@@ -181,17 +181,17 @@ def passes(branch: Any, value: float, stable: bool) -> bool:
     return bool(np.any(across & (branch[1:, 3] < 1.0) if stable else across))
 
 
-def check(V: Any, hold: Any, most: Any, edges: Any, **others: Any) -> None:
+def check(V: Any, hold: Any, **others: Any) -> None:
     """Refuse what cannot be run."""
     if np.min(V) <= 0.0:
         raise InputError(f"V = {np.min(V):g}: it must be above 0; (-theta, -V) is the mirror image of (theta, V)")
-    checks.count("most", np.max(most), 1000)
-    checks.count("edges", np.max(edges), 20)
     hysteresis.check(hold, V, member=1.0, **others)
 
 
 def coords(most: int, edges: int) -> dict[str, Axis]:
     """The dimensions of branches, of places and of onsets."""
+    checks.count("most", most, 1000)
+    checks.count("edges", edges, 20)
     sizes = {"number": (edges + 1) * 2 * most, "place": PLACES, "onset": ONSETS}
     return {"direction": hysteresis.STUDY.coords["direction"]} | {  # type: ignore[index]
         name: Axis(np.arange(1, size + 1), "1", f"number of a {name}") for name, size in sizes.items()
@@ -230,7 +230,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         if both := hysteresis.interval(point):
             parts.append(f"runs up and down differ from {factor * both[0][0]:.4g} to {factor * both[1][0]:.4g}")
         knocks = labels.readable(point["knock_threshold"].dropna(name)).values
-        parts += [f"knocks from {knocks.min():.3g} to {knocks.max():.3g} mN s start vibration"] * bool(len(knocks))
+        if len(knocks):
+            parts.append(f"knocks from {knocks.min():.3g} to {knocks.max():.3g} mN s start vibration")
         head = "Limit cycles" if np.isfinite(value).any() else "No limit cycle is found"
         over = f"over {labels.title(name)}{f' in {unit}' if unit else ''} at {text}"
         yield f"{head} {over}: {'; '.join(parts) or 'runs up and down are the same'}."
@@ -251,7 +252,7 @@ def draw(dataset: xr.Dataset) -> Figure:
         column[0].set_title(points[k][0], fontsize=9.0)
     for axes, text in zip(
         grid[:, 0],
-        ("RMS velocity of B / (mm/s)", "frequency / Hz", "largest multiplier", "knock / (mN s)"),
+        ("RMS velocity\nof B / (mm/s)", "frequency / Hz", "largest multiplier", "knock / (mN s)"),
         strict=True,
     ):
         axes.set_ylabel(text)
@@ -305,7 +306,15 @@ def _draw_point(column: Any, point: xr.Dataset) -> None:
         zip(("up", "down"), (figures.GREEN, figures.RED), "^v", strict=True)
     ):
         rms = 1e3 * point["velocity_rms"].isel(direction=k).values
-        column[0].plot(x, rms, marker, color=colour, mfc="none", markersize=4.0, label=f"runs, {name} going {way}")
+        column[0].plot(
+            x,
+            rms,
+            marker,
+            color=colour,
+            mfc="none",
+            markersize=4.0,
+            label=f"runs, {labels.title(name)} going {way}",
+        )
     column[2].axhline(1.0, color=figures.GREY, linewidth=0.8)
     knocks, errors = (labels.readable(point[each]).values for each in knock.OUTPUTS)
     column[3].errorbar(

@@ -1,0 +1,107 @@
+"""Study `cycles`: a known fold and onset, places on a branch, its summary; cycles in `contact`."""
+
+import numpy as np
+import pytest
+
+from fivcore import CycleBranch, Rig, Scene, follow_cycle, limit_cycle, simulate
+from fivcore.cycles.branch import Place
+from studies import registry, summary
+from studies.gallery import contact, cycles
+from studies.gallery.classics import block_of
+from studies.motion.regimes import VIBRATING, is_of
+from sweeps import InputError
+
+# bSTAB's oscillator (tests/verification/test_cycles.py): cycles end in a fold, sliding is stable from the onset.
+ONSET, FOLD = 1.1512925465, 1.83660097
+
+
+@pytest.fixture(scope="module")
+def belt():
+    values = {"follow": "V", "V": np.arange(1.1, 2.0, 0.1), "F": 1.0, "mu": 1.0, "most": 6}
+    values |= {"kinetic_ratio": 0.5, "decay_speed": 0.5, "hold": 100.0, "edges": 2}
+    return registry.load("cycles").sweep(values, structure=block_of(1.0, 0.05).to_dict()).plan().run("sync")
+
+
+def test_the_branch_of_a_belt_passes_its_fold(belt):
+    (point,) = (each for _, each in cycles.each_point(belt))
+    texts = point["place_text"].values.astype(str)
+    folds = point["place_value"].values[texts == "fold"]
+    assert folds == pytest.approx([FOLD], abs=1e-6)
+    assert point["onset_value"].values[0] == pytest.approx(ONSET, abs=1e-9)
+    value, multiplier = point["cycle_value"].values, point["cycle_multiplier"].values
+    done = np.isfinite(value)
+    assert value[done].max() < FOLD + 1e-9
+    assert {True, False} == {*(multiplier[done] < 1.0).tolist()}
+    # Where runs up and down differ there is an unstable cycle.
+    apart = is_of(point["regime"].values, *VIBRATING) @ [1, -1]
+    assert float(point["bistable_high"]) == pytest.approx(FOLD, abs=0.1)
+    assert np.any(apart)
+
+
+def test_the_summary_says_what_the_branch_shows(belt):
+    text = " ".join(summary.text(summary.parts(registry.load("cycles"), belt)).split())
+    assert "fold at 1836.6" in text
+    assert "onset of flutter at 1151.3" in text
+
+
+def test_places_lie_on_their_branch_in_its_order():
+    values = np.array([1.0, 2.0, 3.0, 2.5, 1.5])
+    places = [Place(1.5, "slip vanishes"), Place(3.1, "fold"), Place(2.0, "stick vanishes")]
+    branch = CycleBranch("mu", values, [], places, "no convergence beyond mu = 1.5")
+    found = [*cycles.places_of(branch, (0.0, 4.0))]
+    assert found == [(1.5, "slip vanishes", 0), (3.1, "fold", 2), (2.0, "stick vanishes", 3),
+                     (1.5, "end: no convergence", 4)]  # fmt: skip
+
+
+def test_places_are_spread():
+    assert cycles.spread(np.arange(10, 21), 3) == [12, 15, 18]
+    assert cycles.spread(np.array([4]), 3) == [4]
+    assert cycles.spread(np.array([]), 3) == []
+
+
+@pytest.mark.parametrize(("values", "message"), [
+    ({"V": -1e-3}, "V = -0.001: it must be above 0"),
+    ({"most": 0}, "most = 0"),
+    ({"edges": 100}, "edges = 100"),
+    ({"follow": "V"}, "V: it is followed; give several values of it"),
+])  # fmt: skip
+def test_wrong_input_is_refused(values, message):
+    with pytest.raises(InputError, match=message):
+        registry.load("cycles").sweep(values)
+
+
+@pytest.fixture(scope="module")
+def stable():
+    """A stable cycle of the rig with much damping, and a run on it."""
+    scene = Scene(2e-3, 5.0, 0.12, 9.0, Rig(d2=1e-6))
+    return limit_cycle(scene, simulate(scene, 0.6).final_state)
+
+
+def test_a_motion_on_its_cycle_is_near_it_all_the_time(stable):
+    start = stable.final_state
+    how = {"initial": start, "record": True, "sample_rate": None}
+    motion = simulate(stable.scene, 0.05, **how)
+    motion.summary["first_slip_time"] = 0.0
+    assert contact.near(motion, stable) == 1.0
+    sliding = Scene(2e-3, 5.0, 0.05, 9.0)
+    quiet = simulate(sliding, 0.3, record=True)
+    assert contact.near(quiet, stable) == 0.0
+
+
+def test_the_cycle_is_followed_to_the_damping_or_to_where_it_ends(monkeypatch, stable):
+    scene = stable.scene
+    monkeypatch.setattr(contact, "SOUGHT", 1e-6)
+    monkeypatch.setattr(contact, "limit_cycle", lambda *_, **__: stable)
+    assert contact.sought(scene, None) == (stable, 1e-6)
+    branch = follow_cycle(stable, "d2", 9.5e-7, most=3)
+    monkeypatch.setattr(contact, "follow_cycle", lambda *_, **__: branch)
+    other = Scene(2e-3, 5.0, 0.12, 9.0, Rig(d2=1e-9))
+    cycle, reached = contact.sought(other, None)
+    assert cycle is None
+    assert reached == branch.values.min()
+
+
+def test_no_cycle_is_sought_where_the_motion_has_long_sticks():
+    cycle, reached = contact.sought(Scene(2e-3, 5.0, 0.2, 9.0), None)
+    assert cycle is None
+    assert np.isnan(reached)
