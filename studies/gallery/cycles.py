@@ -88,7 +88,8 @@ def of_chain(
         if np.isfinite(hit := thresholds["knock_threshold"][k]):
             q, (_, v) = starts.equilibrium(scene), starts.directions(scene, ["knock"])[0]
             tried.append((k, (State.of(scene, q, 1.5 * hit * v), State.of(scene, q, 0.0 * v))))
-    tried += [(k, None) for k in spread(np.flatnonzero(periodic), 1)]
+    usual = periodic if periodic.any() or tried else vibrates[:, 0]
+    tried += [(k, None) for k in spread(np.flatnonzero(usual), 1)]
     branches, places = list[Any](), list[tuple[float, str, int]]()
     for k, guess in tried:
         at = value_of(chain[k], name)
