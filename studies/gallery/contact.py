@@ -45,8 +45,8 @@ OVERVIEW = {
     "largest_normal_force": Variable("N", "largest normal force in the interval", ("interval",), "float32"),
     "largest_slip_speed": Variable("m s-1", "largest slip speed in the interval", ("interval",), "float32"),
 }
-# A run of so many seconds finds a cycle at this d2, s; it is followed from there to that of the rig over so many.
-SEARCH, SOUGHT, MOST = 1.0, 1.5e-7, 30
+# A run of so many seconds finds a cycle at this d2, s; it is followed from there to that of the rig.
+SEARCH, SOUGHT = 1.0, 1.5e-7
 # Samples of a cycle, and of one that a motion is compared with; it is near up to this share of their deviations.
 SAMPLES, COMPARED, NEAR = 1000, 64, 0.5
 CYCLE_SERIES = {
@@ -90,6 +90,7 @@ def contacts(
     window: float,
     overview: float,
     sample_rate: float,
+    most: int,
     **options: Any,
 ) -> dict[str, Any]:
     """The contact of each scene in the window and in the overview, and the summary of its whole run."""
@@ -101,7 +102,7 @@ def contacts(
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         whole, part = runs
         found = within(part, times) | interval_peaks(part, overview) | start_peaks(part) | run.summary_of(whole)
-        return found | cycle_values(jobs[0].scene, part, options["numerical_damping"], options["cutoff"])
+        return found | cycle_values(jobs[0].scene, part, most, options["numerical_damping"], options["cutoff"])
 
     jobs = [[run.job(scene, length, options, **how) for length, how in lengths] for scene in scenes]
     return outcomes(jobs, values)
@@ -153,7 +154,7 @@ def start_peaks(motion: Transient) -> dict[str, Any]:
 
 # Newton's method overflows from a poor guess.
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
-def sought(scene: Scene, cutoff: float | None) -> tuple[LimitCycle | None, float]:
+def sought(scene: Scene, cutoff: float | None, most: int) -> tuple[LimitCycle | None, float]:
     """The limit cycle of a scene, if one is found, and the d2 to which it was followed.
 
     It is sought near a run without long sticks: of beams at d2 = SOUGHT, at which it repeats itself best.
@@ -168,7 +169,7 @@ def sought(scene: Scene, cutoff: float | None) -> tuple[LimitCycle | None, float
         cycle = limit_cycle(first, duration=duration, cutoff=cutoff)
         if own == SOUGHT or not np.isfinite(own):
             return cycle, own
-        branch = follow_cycle(cycle, "d2", own, most=MOST)
+        branch = follow_cycle(cycle, "d2", own, most=most)
         nearest = int(np.abs(branch.values - own).argmin())
         if not branch.values.min() <= own <= branch.values.max():
             return None, float(branch.values[nearest])
@@ -177,10 +178,12 @@ def sought(scene: Scene, cutoff: float | None) -> tuple[LimitCycle | None, float
         return None, np.nan
 
 
-def cycle_values(scene: Scene, motion: Transient, numerical_damping: str, cutoff: float | None) -> dict[str, Any]:
+def cycle_values(
+    scene: Scene, motion: Transient, most: int, numerical_damping: str, cutoff: float | None
+) -> dict[str, Any]:
     """The limit cycle of a scene, and how near to it the motion is; NaN where none is found."""
     damped = replace(scene, rig=with_numerical_damping(scene.rig, run.METHOD, numerical_damping))
-    cycle, d2 = sought(damped, cutoff)
+    cycle, d2 = sought(damped, cutoff, most) if most else (None, np.nan)
     values: dict[str, Any] = dict.fromkeys(CYCLE, np.nan) | {"cycle_d2": d2}
     if cycle is None:
         return values | {name: np.full(SAMPLES, np.nan) for name in CYCLE_SERIES}
@@ -230,6 +233,7 @@ def check(
     checks.between("window_start", window_start, 0.0, most - window, "s")
     checks.between("overview", overview, 10.0 * INTERVAL, most, "s")
     checks.between("sample_rate", sample_rate, 1e3, 1e6, "Hz")
+    checks.between("most", float(np.max(others.pop("most"))), 0.0, 1000.0, "points")
     checks.between("duration", np.min(duration), 2.0 * series.WINDOW, 1e6, "s")
     run.check(**{name: others[name] for name in ("V", "F", *RUN)})
 
@@ -248,7 +252,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         force, speed = (labels.number(float(labels.readable(point[f"{name}_999"]))) for name in PEAKS)
         speeds = labels.named("V", point["V"])
         yield f"At {speeds} the normal force reaches {force} N and the slip speed {speed} mm/s (99.9 % quantiles)."
-    yield from (cycle_text(dataset.isel(V=k)) for k in range(dataset.sizes["V"]))
+    if int(dataset["most"]):
+        yield from (cycle_text(dataset.isel(V=k)) for k in range(dataset.sizes["V"]))
     changes = dataset["switches_per_second"] / regimes.dominant_frequency(dataset)
     table = dataset.assign(state_changes_per_period=changes.assign_attrs(units="1"))
     names = ["V", "regime", "stick_fraction", "slip_fraction", "separation_fraction", "state_changes_per_period"]
@@ -448,6 +453,9 @@ STUDY = Study(
         "window": Parameter(2e-3, "s", "length of the window", common=True),
         "overview": Parameter(0.5, "s", "length of the overview from the start", common=True),
         "sample_rate": Parameter(500e3, "Hz", "sampling rate of the series in the window", common=True),
+        "most": Parameter(
+            30, "1", "most points over which a limit cycle is followed; 0: none is sought", common=True
+        ),
     }
     | published(RUN),
     outputs=SERIES | OVERVIEW | START | CYCLE_SERIES | CYCLE | run.SUMMARY,

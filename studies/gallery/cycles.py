@@ -288,7 +288,7 @@ def _draw_point(column: Any, point: xr.Dataset) -> None:
                 )
     texts, numbers = point["place_text"].values.astype(str), point["place_number"].values
     for k, text in enumerate(sorted({*texts} - {""})):
-        at = numbers[texts == text].astype(int)
+        at = numbers[(texts == text) & np.isfinite(numbers)].astype(int)
         look: dict[str, Any] = {
             "marker": "x" if text.startswith("end") else MARKERS[k % len(MARKERS)],
             "color": "none",

@@ -85,16 +85,16 @@ def test_the_cycle_is_followed_to_the_damping_or_to_where_it_ends(monkeypatch, s
     scene = stable.scene
     monkeypatch.setattr(contact, "SOUGHT", 1e-6)
     monkeypatch.setattr(contact, "limit_cycle", lambda *_, **__: stable)
-    assert contact.sought(scene, None) == (stable, 1e-6)
+    assert contact.sought(scene, None, 3) == (stable, 1e-6)
     branch = follow_cycle(stable, "d2", 9.5e-7, most=3)
     monkeypatch.setattr(contact, "follow_cycle", lambda *_, **__: branch)
     other = Scene(2e-3, 5.0, 0.12, 9.0, Rig(d2=1e-9))
-    cycle, reached = contact.sought(other, None)
+    cycle, reached = contact.sought(other, None, 3)
     assert cycle is None
     assert reached == branch.values.min()
 
 
 def test_no_cycle_is_sought_where_the_motion_has_long_sticks():
-    cycle, reached = contact.sought(Scene(2e-3, 5.0, 0.2, 9.0), None)
+    cycle, reached = contact.sought(Scene(2e-3, 5.0, 0.2, 9.0), None, 3)
     assert cycle is None
     assert np.isnan(reached)

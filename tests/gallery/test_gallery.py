@@ -20,7 +20,7 @@ ENSEMBLE = {"members": 2, "max_duration": 0.6, "min_duration": 0.2}
 SCENE = {"mu": 0.2, "F": 9.0}
 SMALL = {
     "fig7": {"duration": 0.3},
-    "contact": {"duration": 0.3, "window_start": 0.2, "overview": 0.25},
+    "contact": {"duration": 0.3, "window_start": 0.2, "overview": 0.25, "most": 0},
     "fig11": {"duration": 0.2},
     "table6": {"theta": [-5.0, 5.0, 15.0]} | ENSEMBLE,
     "stick_time": {"V": [1e-3, 2e-3], "member": [1, 2], "min_duration": 0.3} | SCENE,
