@@ -38,6 +38,8 @@ from studies.study import Study
 from sweeps import FAILED, InputError, Plan, Refinement, Variable, check_counts, refined
 
 MU_MAX, LONGEST_NAME = 1.0, 60
+# Length of a run that is searched for a limit cycle, s; of a structure in units of its time.
+SEARCH = 0.5
 # A quantity passes from one class to another at these values.
 THRESHOLDS = {"growth_rate": 0.0, "lyapunov_exponent": 0.0, "probability_unstable": 0.5}
 # Points of the paper: its tests, and where it finds modes to become unstable.
@@ -119,13 +121,15 @@ def chaos(scenes: Sequence[Scene], duration: float, **how: Any) -> dict[str, Any
     return dict(zip(CHAOS, np.transpose(found), strict=True)) | {"error": errors}
 
 
-def cycles(scenes: Sequence[Scene], duration: float, **how: Any) -> dict[str, Any]:
+# Newton's method overflows from a poor guess.
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
+def cycles(scenes: Sequence[Scene], duration: float | None, **how: Any) -> dict[str, Any]:
     """The limit cycle near which the motion of each scene is, NaN where none is found."""
     found, errors = list[tuple[float, ...]](), list[SceneError | None]()
     for scene in scenes:
         values, error = (np.nan, np.nan, np.nan), None
         try:
-            cycle = limit_cycle(scene, duration=duration, **how)
+            cycle = limit_cycle(scene, duration=duration or SEARCH * scene.rig.time_scale, **how)
             values = (cycle.frequency, cycle.summary["velocity_rms"], float(cycle.stable))
         except UnsolvedError:
             pass
@@ -335,6 +339,7 @@ DRAWS = {"samples": (1024, "number of uncertain rigs"), "seed": (0, "seed of the
 TIME = {"duration": Parameter(4.0, "s", "simulated time", common=True)}
 TIME |= {name: RUN[name] for name in ("ramp", "cutoff", "numerical_damping")}
 MODEL = {name: RUN[name] for name in ("cutoff", "numerical_damping")}
+SEARCHED = TIME | {"duration": Parameter(None, "s", "time of the run that is searched; auto: 0.5 s", common=True)}
 BEAMS, STEADY, SEVERAL = {"beams": True}, {"normalised": True}, {"normalised": True, "chaotic": True}
 LIMIT = {"painleve_mu": ("1", "mu from which on the contact force is not unique")}
 DRAWN = {name: Parameter(value, "1", text, common=True) for name, (value, text) in DRAWS.items()}
@@ -346,7 +351,7 @@ GROUPS: tuple[tuple[str, str, Any, Any, Any, dict[str, Any]], ...] = (
     ("glued", "Natural frequencies of the beams glued at the contact", {}, GLUED, glued, BEAMS),
     ("motion", "Motion", RUNS, MOTION, motion, SEVERAL | {"check": ensemble.check, "coords": ensemble.APART}),
     ("chaos", "Chaos: how fast neighbouring motions part", TIME, CHAOS, chaos, STEADY | {"chaotic": True}),
-    ("cycles", "Limit cycle near the motion", TIME, CYCLE, cycles, STEADY | {"chaotic": True}),
+    ("cycles", "Limit cycle near the motion", SEARCHED, CYCLE, cycles, STEADY | {"chaotic": True}),
     (
         "knock",
         "Smallest knock that starts vibration where steady sliding is stable",
