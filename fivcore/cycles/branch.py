@@ -193,6 +193,8 @@ def with_value(scene: Scene, name: str, value: float) -> Scene:
     return replace(scene, rig=Rig.of(**vars(scene.rig) | change))
 
 
+# Newton's method overflows from a poor guess.
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 @one_blas_thread()
 def follow_cycle(cycle: LimitCycle, parameter: str, until: float, *, most: int = 200) -> CycleBranch:
     """Follow a limit cycle over a parameter, through folds, until it is past a value or back beyond its start.

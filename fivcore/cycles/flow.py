@@ -240,12 +240,8 @@ class Flow:
 
     def of_state(self, state: State) -> tuple[int, Array]:
         """Contact status and z of a state of the scene, in its own units."""
-        load, model, velocity = self.scene.load, self.model, state.velocity / self.scene.load
-        if self.rigid and state.contact == STICK:
-            # In steps of `fast` surfaces that stick have rates, which are not those of an impact.
-            rates = model.shapes @ velocity[model.kept] - [0.0, self.scene.speed_per_load]
-            velocity[model.kept] -= resistance(model.W) @ rates @ model.shapes
-        own = State(state.displacement / load, velocity, state.contact, True)
+        load = self.scene.load
+        own = State(state.displacement / load, state.velocity / load, state.contact, True)
         run = started(self.scene, self.options, own)
         return run.which, np.append(run.motion[:-7] * self.units, 1.0)
 

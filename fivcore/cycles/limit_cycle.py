@@ -145,6 +145,8 @@ class LimitCycle:
         return self.flow.state(self.segments[0].status, self.segments[0].start)
 
 
+# Newton's method overflows from a poor guess.
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 @one_blas_thread()
 def limit_cycle(scene: Scene, guess: Any = None, *, options: Options | None = None, **keywords: Any) -> LimitCycle:
     """Find a limit cycle of a scene, stable or not, of the reduced model of `simulate`.

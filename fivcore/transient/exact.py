@@ -110,8 +110,10 @@ class ExactRun(Run):
         if starts and self._ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(y)
-        # Rigid surfaces may start with any rates: an impact corrects them, and does nothing to surfaces at rest.
-        self._decide(0.0, y, options.contact, touchdown=self.rigid and options.contact != SEPARATION)
+        # Rigid surfaces may start with any rates, which an impact corrects; but where a run goes on that sticks, in
+        # steps of `fast` they have rates that no impact has left.
+        touchdown = self.rigid and options.contact != SEPARATION and (starts or options.contact != STICK)
+        self._decide(0.0, y, options.contact, touchdown=touchdown)
 
     def state(self) -> tuple[Array, Array, Array]:
         """Displacements from rest and velocities of the modes, and the gaps of the others."""
@@ -224,7 +226,7 @@ class ExactRun(Run):
         parts, W = model.shapes * v, model.W
         rates, zero = parts.sum(axis=1) - [0.0, P], AT_REST * np.add(np.abs(parts).sum(axis=1), [0.0, P])
         q -= model.normal * (model.normal @ q / W[0, 0])
-        impulse = np.array([-rates[0] / W[0, 0], 0.0])
+        impulse = -self._resistance @ rates if was == STICK else np.array([-rates[0] / W[0, 0], 0.0])
         if was == SEPARATION:
             if rates[0] > zero[0]:
                 return True, 0.0

@@ -152,8 +152,6 @@ def start_peaks(motion: Transient) -> dict[str, Any]:
     return dict(zip(START, peaks, strict=True))
 
 
-# Newton's method overflows from a poor guess.
-@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def sought(scene: Scene, cutoff: float | None, most: int) -> tuple[LimitCycle | None, float]:
     """The limit cycle of a scene, if one is found, and the d2 to which it was followed.
 

@@ -61,8 +61,6 @@ OUTPUTS = {n: v for n, v in hysteresis.OUTPUTS.items() if n not in ("extremum", 
 }  # fmt: skip
 
 
-# Newton's method overflows from a poor guess.
-@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def bifurcations(
     scenes: Sequence[tuple[Scene, ...]], follow: str, hold: float, most: int, edges: int, **how: Any
 ) -> dict[str, Any]:

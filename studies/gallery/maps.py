@@ -121,8 +121,6 @@ def chaos(scenes: Sequence[Scene], duration: float, **how: Any) -> dict[str, Any
     return dict(zip(CHAOS, np.transpose(found), strict=True)) | {"error": errors}
 
 
-# Newton's method overflows from a poor guess.
-@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def cycles(scenes: Sequence[Scene], duration: float | None, **how: Any) -> dict[str, Any]:
     """The limit cycle near which the motion of each scene is, NaN where none is found."""
     found, errors = list[tuple[float, ...]](), list[SceneError | None]()
