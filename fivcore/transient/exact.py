@@ -110,8 +110,8 @@ class ExactRun(Run):
         if starts and self._ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(y)
-        # Rigid surfaces may start with any rates, which an impact corrects; but where a run goes on that sticks, in
-        # steps of `fast` they have rates that no impact has left.
+        # Rigid surfaces may start with any rates, which an impact corrects. In steps of `fast` surfaces that stick
+        # have rates, too, but no impact follows.
         touchdown = self.rigid and options.contact != SEPARATION and (starts or options.contact != STICK)
         self._decide(0.0, y, options.contact, touchdown=touchdown)
 
