@@ -190,10 +190,8 @@ def cycle_values(
     time = (begins[stick] + cycle.period * np.arange(SAMPLES) / SAMPLES) % cycle.period
     N, T, slip = (np.interp(time, cycle.time, getattr(cycle, name)) for name in FORCES)
     state = cycle.state[np.searchsorted(cycle.time, time, side="right") - 1]
-    ratio, moved = (
-        np.divide(T, N, out=np.zeros_like(N), where=state != SEPARATION),
-        np.cumsum(slip) * cycle.period / SAMPLES,
-    )
+    ratio = np.divide(T, N, out=np.zeros_like(N), where=state != SEPARATION)
+    moved = np.cumsum(slip) * cycle.period / SAMPLES
     summary = {name: cycle.summary[name.removeprefix("cycle_")] for name in list(CYCLE)[:3]}
     summary |= {"cycle_multiplier": cycle.summary["largest_multiplier"], "cycle_near": near(motion, cycle)}
     return values | summary | dict(zip(CYCLE_SERIES, (N, ratio, slip, moved - moved[0], state), strict=True))
@@ -211,14 +209,11 @@ def near(motion: Transient, cycle: LimitCycle) -> float:
     one = np.stack([np.interp(step * np.arange(COMPARED), cycle.time, getattr(cycle, name)) for name in names])
     middle, spread = one.mean(axis=1, keepdims=True), one.std(axis=1, keepdims=True)
     one = (one - middle) / spread
-    parts = np.lib.stride_tricks.sliding_window_view((moved - middle) / spread, COMPARED, axis=1)[
-        :, :: COMPARED // 8
-    ]
+    parts = np.lib.stride_tricks.sliding_window_view((moved - middle) / spread, COMPARED, axis=1)
+    parts = parts[:, :: COMPARED // 8]
     # Products of each part with the cycle at all phases.
-    products = (
-        np.fft.irfft(np.fft.rfft(parts) * np.fft.rfft(one).conj()[:, None], COMPARED).sum(axis=0).max(axis=-1)
-    )
-    squares = (parts**2).sum(axis=(0, 2)) + (one**2).sum() - 2.0 * products
+    products = np.fft.irfft(np.fft.rfft(parts) * np.fft.rfft(one).conj()[:, None], COMPARED).sum(axis=0)
+    squares = (parts**2).sum(axis=(0, 2)) + (one**2).sum() - 2.0 * products.max(axis=-1)
     return float(np.mean(squares < NEAR**2 * len(names) * COMPARED))
 
 
@@ -352,13 +347,8 @@ def _draw_speed(column: np.ndarray, point: xr.Dataset) -> None:
         shown = xr.Dataset({name: ("elapsed", point[f"cycle_{name}"].values) for name in SERIES})
         time = 1e3 * np.arange(PERIODS * SAMPLES) / SAMPLES / float(point["cycle_frequency"])
         for axes, name, scale in zip((normal, friction, slip), SERIES, (1.0, 1.0, 1e3), strict=False):
-            axes.plot(
-                time,
-                scale * np.tile(shown[name].values, PERIODS),
-                color=figures.RED,
-                linewidth=0.9,
-                label="limit cycle",
-            )
+            y = scale * np.tile(shown[name].values, PERIODS)
+            axes.plot(time, y, color=figures.RED, linewidth=0.9, label="limit cycle")
     _draw_phase(phase, shown)
 
 

@@ -11,17 +11,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from fivcore import (
-    CycleBranch,
-    LimitCycle,
-    Rig,
-    Scene,
-    State,
-    checks,
-    follow_cycle,
-    limit_cycle,
-    sliding_onsets,
-)
+from fivcore import CycleBranch, LimitCycle, Rig, Scene, State, checks, follow_cycle, limit_cycle, sliding_onsets
 from fivcore.errors import SceneError, UnsolvedError
 from studies import labels
 from studies.gallery import hysteresis, knock
@@ -251,11 +241,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     for column, k in zip(grid.T, chosen, strict=True):
         _draw_point(column, points[k][1])
         column[0].set_title(points[k][0], fontsize=9.0)
-    for axes, text in zip(
-        grid[:, 0],
-        ("RMS velocity\nof B / (mm/s)", "frequency / Hz", "largest multiplier", "knock / (mN s)"),
-        strict=True,
-    ):
+    for axes, text in zip(grid[:, 0], SIDES, strict=True):
         axes.set_ylabel(text)
     figures.legend_below(figure, panels, 3 if len(chosen) > 1 else 2)
     name = hysteresis.followed(dataset)
@@ -265,6 +251,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     return figure
 
 
+SIDES = ("RMS velocity\nof B / (mm/s)", "frequency / Hz", "largest multiplier", "knock / (mN s)")
 # Of places by their texts, and the text of a birth.
 BIRTH, ENDS, MARKERS = "birth from steady sliding", "branch not followed further", "oDs^<>phH8P"
 
@@ -273,64 +260,36 @@ def _draw_point(column: Any, point: xr.Dataset) -> None:
     """Branches, solid where stable; places on them; runs, onsets and thresholds."""
     name = hysteresis.followed(point)
     factor, x = labels.unit_of(point[name])[1], labels.readable(point[name]).values
-    value, stable = factor * point["cycle_value"].values, point["cycle_multiplier"].values < 1.0
-    for axes, each, scale in zip(column, ("rms", "frequency", "multiplier"), (1e3, 1.0, 1.0), strict=False):
-        y = scale * point[f"cycle_{each}"].values
-        for branch in np.unique(point["cycle_branch"].dropna("number")):
-            on = point["cycle_branch"].values == branch
+    cycles = {each: point[f"cycle_{each}"].values for each in KEPT}
+    value, stable, rms = factor * cycles["value"], cycles["multiplier"] < 1.0, 1e3 * cycles["rms"]
+    for axes, y in zip(column, (rms, cycles["frequency"], cycles["multiplier"]), strict=False):
+        for branch in np.unique(cycles["branch"][np.isfinite(cycles["branch"])]):
+            on = cycles["branch"] == branch
             for kind, style, of_kind in (("stable", "-", stable), ("unstable", "--", ~stable)):
                 # From the last cycle of the other kind on, so that the curve has no gap.
                 shown = on & (of_kind | np.append(of_kind[1:] & on[1:], False))
-                axes.plot(
-                    np.where(shown, value, np.nan)[on], y[on], style, color=figures.BLUE, label=f"{kind} cycle"
-                )
+                part = np.where(shown, value, np.nan)[on]
+                axes.plot(part, y[on], style, color=figures.BLUE, label=f"{kind} cycle")
     texts, numbers = point["place_text"].values.astype(str), point["place_number"].values
     for k, text in enumerate(sorted({*texts} - {""})):
         at = numbers[(texts == text) & np.isfinite(numbers)].astype(int)
-        look: dict[str, Any] = {
-            "marker": "x" if text.startswith("end") else MARKERS[k % len(MARKERS)],
-            "color": "none",
-        }
-        look |= {
-            "markeredgecolor": figures.BLACK if text in ("fold", BIRTH) else figures.ORANGE,
-            "linestyle": "none",
-        }
-        column[0].plot(
-            value[at],
-            1e3 * point["cycle_rms"].values[at],
-            **look,
-            markersize=5.0,
-            label=ENDS if text.startswith("end") else text,
-            zorder=3,
-        )
-    for k, (way, colour, marker) in enumerate(
-        zip(("up", "down"), (figures.GREEN, figures.RED), "^v", strict=True)
-    ):
-        rms = 1e3 * point["velocity_rms"].isel(direction=k).values
-        column[0].plot(
-            x,
-            rms,
-            marker,
-            color=colour,
-            mfc="none",
-            markersize=4.0,
-            label=f"runs, {labels.title(name)} going {way}",
-        )
+        edge = figures.BLACK if text in ("fold", BIRTH) else figures.ORANGE
+        marker, label = ("x", ENDS) if text.startswith("end") else (MARKERS[k % len(MARKERS)], text)
+        column[0].plot(value[at], rms[at], marker, mfc="none", mec=edge, markersize=5.0, label=label, zorder=3)
+    for k, (way, colour, marker) in enumerate((("up", figures.GREEN, "^"), ("down", figures.RED, "v"))):
+        run_rms, label = 1e3 * point["velocity_rms"].isel(direction=k).values, f"{labels.title(name)} going {way}"
+        column[0].plot(x, run_rms, marker, color=colour, mfc="none", markersize=4.0, label=f"runs, {label}")
     column[2].axhline(1.0, color=figures.GREY, linewidth=0.8)
     knocks, errors = (labels.readable(point[each]).values for each in knock.OUTPUTS)
-    column[3].errorbar(
-        x, knocks, errors, fmt="o", color=figures.BLACK, markersize=4.0, label="knock that starts vibration"
-    )
+    look: dict[str, Any] = {"fmt": "o", "color": figures.BLACK, "markersize": 4.0}
+    column[3].errorbar(x, knocks, errors, label="knock that starts vibration", **look)
     ends, onsets = hysteresis.interval(point), point["onset_value"].dropna("onset").values
     for axes in column:
         for onset in onsets:
             axes.axvline(factor * onset, color=figures.BLACK, linestyle=":", label="onset of flutter")
         if ends:
-            text = "runs up and down differ"
-            span = axes.axvspan(
-                factor * ends[0][0], factor * ends[1][0], color=figures.GREY, alpha=0.2, linewidth=0.0
-            )
-            span.set_label(text)
+            low, high = (factor * end[0] for end in ends)
+            axes.axvspan(low, high, color=figures.GREY, alpha=0.2, linewidth=0.0, label="runs up and down differ")
     planes.set_side(column[-1], "x", point[name])
 
 
