@@ -32,7 +32,7 @@ COMPLIANT_GRID, RIGID_GRID, BLOCK = 0.5, 0.1, 64
 PLANE = -1
 # Deviations for derivatives where friction falls, in units of the motion; a time at which nothing is read, s.
 DEVIATION, NEVER = 1e-6, 1e6
-NOWHERE = np.empty((1, SAMPLE)), np.empty((1, 6)), np.empty((1, 2))
+NOWHERE = np.zeros((1, SAMPLE)), np.zeros((1, 6)), np.zeros((1, 2))
 
 
 class Segment(NamedTuple):
@@ -134,7 +134,8 @@ class Flow:
         """Event, its time, s, and the state there, or after `time`."""
         run = self.run
         run.enter(0.0, status, z[:-1] / self.units)
-        run.motion[-2] = self.grid
+        # Work and losses count from here, as a step's error is theirs as well.
+        run.motion[-7:-3], run.motion[-2] = 0.0, self.grid
         event = kernels.follow(
             run.motion,
             status,

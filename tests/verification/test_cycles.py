@@ -127,6 +127,12 @@ def test_the_branch_of_the_rig_folds(sticking):
     assert all(each.residual < 1e-10 for each in branch.cycles)
 
 
+def test_a_branch_has_the_same_bits_whatever_the_cycle_was_used_for(sticking):
+    first, again = (follow_cycle(sticking, "mu", 0.05, most=4) for _ in range(2))
+    assert again.values.tolist() == first.values.tolist()
+    assert [each.summary for each in again.cycles] == [each.summary for each in first.cycles]
+
+
 @pytest.mark.slow
 def test_the_unstable_branch_of_the_rig_ends_at_the_onset_of_flutter(sticking):
     """Between vibration and sliding; at the onset it slips all the time."""
