@@ -2,8 +2,8 @@
 
 A point is all z_i and p, in units of the motion's size and of the parameter's range; a step goes along the tangent
 and is corrected across it (H. B. Keller, in Applications of Bifurcation Theory, 1977, 359-384). Where a margin
-vanishes within a status, or a status has no duration left, the motion grazes: the order of statuses changes there,
-and the branch goes on with the new order, in the same direction or back.
+vanishes within a status, or the duration of a status does, the motion grazes. The order of statuses changes there,
+and the branch continues with the new order, in the same direction or back.
 """
 
 from __future__ import annotations

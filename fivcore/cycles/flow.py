@@ -183,7 +183,7 @@ class Flow:
     # Events.
 
     def to_event(self, status: int, z: Array, most: float, plane: Array | None) -> Happening | None:
-        """What ends the segment from z: the first event or, upwards, a plane (m + 1,), if within `most`, s."""
+        """Follow z to its first event, or up through a plane (m + 1,); None if neither comes within `most`, s."""
         event, time, end = self._follow(status, z, most, True)
         if plane is not None and (crossed := self._crossing(status, z, time, plane)):
             time, end = crossed

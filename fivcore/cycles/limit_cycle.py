@@ -151,16 +151,17 @@ class LimitCycle:
 def limit_cycle(scene: Scene, guess: Any = None, *, options: Options | None = None, **keywords: Any) -> LimitCycle:
     """Find a limit cycle of a scene, stable or not, of the reduced model of `simulate`.
 
-    It has no time step: motions by "exact", and by "fast" as its step goes to zero, are on it.
+    There is no time step: runs by "exact" stay on the cycle, and so do runs by "fast" as its step goes to zero.
 
     Parameters
     ----------
     scene : Scene
     guess : LimitCycle, State, (State, State) or float, optional
-        A cycle of a neighbouring scene, with its options unless others are given; a state near the cycle; two
-        states, of which one leads to vibration and one to sliding: the cycle on the edge between them is sought by
-        bisection; an amplitude, m/s, of the velocity of B in the mode of steady sliding that grows most. Default:
-        the windows of a run that repeat themselves best.
+        - `LimitCycle`: that of a neighbouring scene, with its options unless others are given.
+        - `State`: one near the cycle.
+        - Two states: one leads to vibration, the other to sliding; bisection finds the cycle between them.
+        - float: amplitude, m/s, of the velocity of B in the fastest growing mode of steady sliding.
+        - Default: the windows of a run that repeat best.
     options, **keywords
         As for `simulate`; and `duration`, s, of a run that a guess needs (default: 0.5 s, of a structure times
         `time_scale`).

@@ -33,8 +33,8 @@ from fivcore.structure import Structure
 LARGEST_PHI, LARGEST = 2.0, 5.0
 # `FAR` and `BLOCKS` of the eigenproblem; how much more than what is listed its eigenvalues may be.
 COARSE_FAR, COARSE_BLOCKS, MARGIN = 9.0, 2, 1.02
-# Damping that is none; real shifts, of which that is used where f is farthest from 0; the longest way of a root by
-# Newton steps, as a share of it.
+# Damping below FAINT is none. Of the real SHIFTS the one with f farthest from 0 is used. Newton steps may move a
+# root by at most FURTHEST of its magnitude.
 FAINT, SHIFTS, FURTHEST = 1e-12, (1.3, 0.55, 2.4), 0.05
 # Roots closer than this share of them may be one.
 DISTINCT = 1e-7

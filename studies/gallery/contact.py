@@ -265,7 +265,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 
 def cycle_text(point: xr.Dataset) -> str:
-    """What the search for a limit cycle has found."""
+    """A sentence about the limit cycle of a point: its frequency, peaks and stability, or why none is found."""
     value = {name: float(labels.readable(point[name])) for name in CYCLE}
     frequency, force, speed, multiplier, share, d2 = (labels.number(each) for each in value.values())
     where = labels.named("V", point["V"])

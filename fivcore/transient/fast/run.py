@@ -271,7 +271,7 @@ class FastRun(Run):
         self._use(solver)
         self.shift = np.zeros(len(q))
         self.place(*_move(solver.model, q, v, 0.5 * solver.step))
-        # Stick, if it goes on, holds the surfaces where they are at the next impulse.
+        # A contact that sticks holds the surfaces at their place of the next impulse.
         drive = displacement(np.array(t + 0.5 * solver.step), self.scene.speed_per_load, self.ramp)
         shifted = float(self.record["g_T"][0]) + solver.at_rest[1] - float(drive)
         self.record["u_N"], self.record["u_T"], self.record["anchor"] = *u, u[1] + shifted

@@ -205,7 +205,7 @@ def workspace_for(tables: SkipTables) -> tuple[Array, ...]:
 
 @reordered_call
 def multiply(matrix: Any, vector: Any, out: Any, more: float = 0.0) -> None:
-    """Write the product of a matrix and a vector, plus `more` times what is there."""
+    """Write the product of a matrix and a vector, plus `more` times the old content of `out`."""
     for i in range(len(matrix)):
         total = more * out[i] if more != 0.0 else 0.0
         for j in range(matrix.shape[1]):

@@ -1,4 +1,4 @@
-"""Steady-state certificate: a proof that slip never ends and comes ever closer to steady sliding, to end a run.
+"""Steady-state certificate: a proof that slip never ends and converges to steady sliding, by which a run ends.
 
 A step in slip maps x = (q, v, u_T) to M x + b (`fivcore.contact.step_map`), with the fixed point x*. With computed
 eigenvalues z and eigenvectors X of M, y = X^-1 (x - x*) becomes diag(z) y + E y, E = X^-1 (M X - X diag(z)). Let
