@@ -184,12 +184,10 @@ class Flow:
 
     def to_event(self, status: int, z: Array, most: float, plane: Array | None) -> Happening | None:
         """Follow z to its first event, or up through a plane (m + 1,); None if neither comes within `most`, s."""
-        event, time, end = self._follow(status, z, most, True)
-        if plane is not None and (crossed := self._crossing(status, z, time, plane)):
-            time, end = crossed
-            return Segment(status, PLANE, time, z), status, end
+        crossed = None if plane is None else self._crossing(status, z, most, plane)
+        event, time, end = self._follow(status, z, crossed[0] if crossed else most, True)
         if event == kernels.NOTHING:
-            return None
+            return (Segment(status, PLANE, crossed[0], z), status, crossed[1]) if crossed else None
         self.run.next_status(0.0, event, end[:-1] / self.units)
         return Segment(status, event, time, z), self.run.which, np.append(self.run.motion[:-7] * self.units, 1.0)
 
