@@ -13,7 +13,7 @@ from warnings import warn
 import numpy as np
 
 from fivcore.beams.modes import one_blas_thread, propagator
-from fivcore.contact.impulse import between_impulses
+from fivcore.contact.law import between_impulses
 from fivcore.contact.reduced import ReducedModel, modified, reduced_model
 from fivcore.contact.several import step_matrices
 from fivcore.contact.step_map import at_most
@@ -25,7 +25,7 @@ from fivcore.transient.fast.several_kernel import Law, Motion, start, take_steps
 from fivcore.transient.normalised import Normalised, State, residual_gaps, status_of_all
 from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, first_counted
-from fivcore.transient.stepped import SteppedRun
+from fivcore.transient.stepped import Run
 
 # Steps of a segment; share of steps without a solution that is an error; contacts above which runs are slow.
 SEGMENT, MOST_UNSOLVED, MANY = 20_000, 1e-3, 20
@@ -37,7 +37,7 @@ SCENE = np.dtype([
 ])  # fmt: skip
 
 
-class SeveralRun(SteppedRun):
+class SeveralRun(Run):
     """One run in progress; `counts`: Newton steps, rows replaced, lost pivots, steps by Gauss-Seidel, unsolved."""
 
     READ_AT = 0.5
