@@ -3,6 +3,8 @@
 Nothing here knows of sweeps or figures. Units are SI; only theta is in degrees.
 """
 
+from fivcore.cycles.branch import CycleBranch, follow_cycle
+from fivcore.cycles.limit_cycle import LimitCycle, limit_cycle
 from fivcore.errors import (
     ContactError,
     DampingWarning,
@@ -29,12 +31,12 @@ from fivcore.transient.options import Options, Until
 from fivcore.transient.simulate import growing_frequencies, painleve_mu, simulate, simulate_many
 
 __all__ = [
-    "AssembledModes", "Beam", "ContactError", "DampingWarning", "DivergenceError", "FixedContactWarning",
-    "FlutterOnsets", "Friction", "InputError", "LyapunovExponent", "ManyFlutterOnsets", "OnsetCurve",
-    "OnsetCurves", "OnsetSensitivity", "Options", "OutOfBandWarning", "Rig", "Scene", "SlidingModes",
-    "SlidingOnsets", "State", "Structure", "Transient", "UnsolvedError", "UnstableWindows", "Until",
-    "assembled_modes", "assembled_onsets", "flutter_onsets", "flutter_onsets_many", "glued_frequencies",
-    "growing_frequencies", "lyapunov_exponent", "node_positions", "onset_curves", "onset_sensitivity",
-    "painleve_mu", "simulate", "simulate_many", "sliding_modes", "sliding_onsets", "tune_head_mass",
-    "unstable_windows",
+    "AssembledModes", "Beam", "ContactError", "CycleBranch", "DampingWarning", "DivergenceError",
+    "FixedContactWarning", "FlutterOnsets", "Friction", "InputError", "LimitCycle", "LyapunovExponent",
+    "ManyFlutterOnsets", "OnsetCurve", "OnsetCurves", "OnsetSensitivity", "Options", "OutOfBandWarning", "Rig",
+    "Scene", "SlidingModes", "SlidingOnsets", "State", "Structure", "Transient", "UnsolvedError",
+    "UnstableWindows", "Until", "assembled_modes", "assembled_onsets", "flutter_onsets", "flutter_onsets_many",
+    "follow_cycle", "glued_frequencies", "growing_frequencies", "limit_cycle", "lyapunov_exponent",
+    "node_positions", "onset_curves", "onset_sensitivity", "painleve_mu", "simulate", "simulate_many",
+    "sliding_modes", "sliding_onsets", "tune_head_mass", "unstable_windows",
 ]  # fmt: skip

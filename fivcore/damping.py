@@ -20,12 +20,7 @@ WEIGHT = 1e-2
 def tied_modes(stiffness: Array, gaps: Array, static: int) -> tuple[Array, Array]:
     """Squared angular frequencies, rad2/s2, (k,), ascending, and shapes in the computed modes, (m, k).
 
-    Parameters
-    ----------
-    stiffness, gaps : ndarray, (n,), (2, n)
-        Of all modes; gaps are kg^-1/2.
-    static : int
-        How many modes, the last ones, are springs at the contact: n = m + static.
+    `stiffness` (n,) and `gaps` (2, n), kg^-1/2, are of all modes; the last ones, `static` of them, are springs.
     """
     m = len(stiffness) - static
     springs = gaps[:, m:] / np.sqrt(stiffness[m:])

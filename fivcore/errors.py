@@ -49,25 +49,12 @@ class ThinnedWarning(UserWarning):
     """A run is so long that some of its statistics are those of parts of it."""
 
 
-# That band, Hz.
-BAND = 10e3
-
-
-def out_of_band(mu: float, frequency: float, valid_up_to: float) -> str:
-    """Text of the warning."""
-    return (
-        f"at mu = {mu:g} sliding is unstable at {1e-3 * frequency:.3g} kHz and not below {1e-3 * BAND:g} kHz, the"
-        f" default band of flutter_onsets; the beam model holds up to {1e-3 * valid_up_to:.3g} kHz"
-        " (rig.valid_up_to)"
-    )
-
-
-# Largest share of P2's length that P2 may move without this warning.
-FIXED = 0.02
+# The band of `OutOfBandWarning`, Hz; the largest share of P2's length that P2 may move without a warning.
+BAND, FIXED = 10e3, 0.02
 
 
 def fixed_contact(moved: float) -> str:
-    """Text of the warning; `moved` is V * duration in units of P2's length."""
+    """Text of `FixedContactWarning`; `moved` is V * duration in units of P2's length."""
     share = f"V * duration is {100.0 * moved:.3g} % of P2's length"
     return f"{share}, by which the contact moves in a rig; here it stays, so the result holds for one position"
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 from fivcore import checks
 from fivcore.jit import called, inlined
@@ -42,10 +43,8 @@ class Friction:
 
     def __post_init__(self) -> None:
         kappa = checks.between("Friction: kinetic_ratio", self.kinetic_ratio, 0.0, 1.0, "1")
-        allowed = "0 or a speed from 1e-100 to 1e+100 m/s"
-        speed = checks.number(
-            "Friction: decay_speed", self.decay_speed, allowed, lambda x: x == 0.0 or 1e-100 <= x <= 1e100
-        )
+        allowed, given = "0 or a speed from 1e-100 to 1e+100 m/s", self.decay_speed
+        speed = checks.number("Friction: decay_speed", given, allowed, lambda x: x == 0.0 or 1e-100 <= x <= 1e100)
         checks.choice("Friction: decay", self.decay, DECAYS)
         object.__setattr__(self, "kinetic_ratio", kappa)
         object.__setattr__(self, "decay_speed", speed)
@@ -93,14 +92,7 @@ def friction_ratio(speed: float, kappa: float, decay_speed: float, rational: flo
 
 @called
 def slip_speed(
-    guess: float,
-    ahead: float,
-    S: float,
-    alpha: float,
-    beta: float,
-    gamma: float,
-    mu: float,
-    law: tuple[float, ...],
+    guess: float, ahead: float, S: float, alpha: float, beta: float, gamma: float, mu: float, law: Any
 ) -> tuple[float, float]:
     """Speed v of a contact that slips, the largest root of v = ahead - S y(v), and mu(v) / mu.
 

@@ -220,11 +220,7 @@ class Rig(ContactModel):
             elif beam in PAPER and field in BEAM_PARAMETERS:
                 beams[beam] = _changed(beam, beams[beam], {field: value})
             else:
-                names = [
-                    *RIG_PARAMETERS,
-                    *(f"{beam}_{field}" for beam in PAPER for field in BEAM_PARAMETERS),
-                    *PAPER,
-                ]
+                names = [*RIG_PARAMETERS, *(f"{p}_{each}" for p in PAPER for each in BEAM_PARAMETERS), *PAPER]
                 near = difflib.get_close_matches(name, names, 1)
                 hint = f"did you mean {near[0]}? " if near else ""
                 raise InputError(f"{name}: a rig has no such number; {hint}it has {', '.join(names)}")

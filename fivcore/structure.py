@@ -43,7 +43,7 @@ MIDDLE = 5e3
 # Share of its products up to which the normal force at rest is rounding: of a pin on soft springs, loaded at its
 # far end, 1e-9 to 1e-7 with 4 to 80 elements, and 3e-5 on processors without long double.
 PRESSED, NO_PRELOAD = 1e-4, "it does not press the contact at rest, so that there is no motion with friction"
-ROWS = ("normal", "tangential", "inertia", "output", "load")
+ROWS = ("stiffness", "damping", "normal", "tangential", "inertia", "output", "load", "struck")
 # Modes that move the gaps below the default cut-off of motion (the paper's rig: 115 kHz); a mode does if its share
 # of a gap's inverse mass is above PART of the mean up to it (`python -m tests.benchmarks constants`).
 MOTION_MODES, PART = 39, 1e-3
@@ -70,6 +70,8 @@ class Structure(ContactModel, ReadOnlyArrays):
         What a unit of each modal coordinate adds to the normal and the tangential gap, kg^-1/2.
     inertia, output, load : ndarray, (n,)
         Modal force for a unit acceleration of the drive; velocity that is observed; modal forces of a unit load.
+    struck : ndarray, (n,)
+        `normal` of the bodies that the load acts on, which a knock moves.
     rayleigh : (float, float) or None
         d1, 1/s, and d2, s, with damping = d1 + d2 stiffness; None: modal damping.
     static : int
@@ -80,8 +82,6 @@ class Structure(ContactModel, ReadOnlyArrays):
         Default cut-off of motion, Hz; None: the highest mode.
     wider : Structure or None
         The structure for motion, where that needs more modes than stability.
-    struck : ndarray, (n,), or None
-        `normal` of the bodies that the load acts on, which a knock moves; None: `normal`, of all that is computed.
     gap, friction : ndarray, (c,), or None
         Of several contacts: initial gaps, m, and factors of mu; None with one contact.
     """
@@ -93,12 +93,12 @@ class Structure(ContactModel, ReadOnlyArrays):
     inertia: Array
     output: Array
     load: Array
+    struck: Array
     rayleigh: tuple[float, float] | None
     static: int = 0
     remarks: tuple[str, ...] = ()
     cutoff: float | None = None
     wider: Structure | None = None
-    struck: Array | None = None
     gap: Any = None
     friction: Any = None
 
@@ -157,12 +157,11 @@ class Structure(ContactModel, ReadOnlyArrays):
         if np.any(omega < 0.0):
             raise InputError(f"frequency = {omega.min() / (2.0 * np.pi):g}: it must be 0 or above (Hz)")
         n = len(omega)
-        given = {"normal": normal, "tangential": tangential, "load": load}
-        rows = [(_row if name == "load" else _rows)(name, row, n) for name, row in given.items()]
-        own, rows[:2] = contact_rows(rows[0], rows[1], gap, friction)
-        read = observed(rows[1]) if output is None else _row("output", output, n)
+        own, rows = _contact_rows(normal, tangential, gap, friction, n, _row)
+        pushed = _row("load", load, n)
+        read = rows[len(rows) // 2 :].mean(axis=0) if output is None else _row("output", output, n)
         inertia = np.zeros(n) if drive is None else -_row("drive", drive, n)
-        return _modal(omega**2, rows, inertia, read, (d1, d2), damping_ratio, own)
+        return _modal(np.vstack([omega**2, rows, pushed, inertia, read]), own, (d1, d2), damping_ratio)
 
     @classmethod
     @one_blas_thread()
@@ -222,14 +221,10 @@ class Structure(ContactModel, ReadOnlyArrays):
         n = M.shape[0]
         K = checked_matrix("stiffness", stiffness, n)
         C = None if damping is None else checked_matrix("damping", damping, n)
-        given = {"normal": normal, "tangential": tangential, "load": load, "output": output, "drive": drive}
-        rows = {
-            name: _over_dofs(name, row, n)
-            for name, row in given.items()
-            if row is not None and name not in ROWS[:2]
-        }
-        first, second = (_rows(name, given[name], n, _over_dofs) for name in ROWS[:2])
-        parts, (rows["normal"], rows["tangential"]) = contact_rows(first, second, gap, friction)
+        own, touching = _contact_rows(normal, tangential, gap, friction, n, _over_dofs)
+        given = {"load": load, "output": output, "drive": drive}
+        rows = {name: _over_dofs(name, row, n) for name, row in given.items() if row is not None}
+        rows["normal"], rows["tangential"] = np.split(touching, 2)
         if names is not None and len(names) != n:
             raise InputError(f"names: there are {len(names)}; it must be {n}, one for each degree of freedom")
         remarks, free, diagonal = tuple[str, ...](), free_rows(K), K.diagonal()
@@ -242,22 +237,19 @@ class Structure(ContactModel, ReadOnlyArrays):
         band = None if fmax is None else checks.band(fmax)
         band = 10e3 if band is None and n > DENSE_SIZE else band
         struck = _of_loaded_bodies(M, K, rows["normal"], rows["load"])
-        output_row = rows.get("output", observed(rows["tangential"]))
+        output_row = rows.get("output", rows["tangential"].mean(axis=0))
         drive_row = rows.get("drive", np.zeros(len(name)))
 
         def up_to(top: float | None) -> Structure:
             values, vectors, compliance, rigid = lowest_modes(M, K, top, contact, name)
-            ratio = damping_ratio
-            if np.ndim(ratio) == 1 and top != band:
-                # Further modes have the last ratio.
-                ratio = np.pad(ratio, (0, max(len(values) - len(ratio), 0)), mode="edge")
-            inertia, read = -drive_row @ vectors, output_row @ vectors
-            own = [rows[each] @ vectors for each in ("normal", "tangential", "load")]
-            found = _modal(values, own, inertia, read, (d1, d2), ratio, parts, compliance, vectors, name)
+            more = 0 if top == band else len(values) - np.size(damping_ratio)
+            table = np.vstack([values, contact @ vectors, -drive_row @ vectors, output_row @ vectors])
+            found = _modal(table, own, (d1, d2), _extended(damping_ratio, more), compliance, vectors, name)
             text = f"stiffness: motions below {rigid:.2g} Hz, which is its rounding, count as rigid"
             found = replace(found, remarks=(*found.remarks, *remarks, *([text] if rigid else [])))
             if not np.array_equal(struck, rows["normal"]):
-                found = replace(found, struck=_padded(struck @ vectors, found.static))
+                moved = np.pad(struck @ vectors, ((0, 0), (0, found.static)))
+                found = replace(found, struck=moved.reshape(found.normal.shape))
             return found if C is None else _with_matrix(found, vectors.T @ (C @ vectors))
 
         return _for_motion(up_to(band), band, len(name), up_to)
@@ -272,32 +264,32 @@ class Structure(ContactModel, ReadOnlyArrays):
     @cached_property
     def digest(self) -> str:
         """Digest of all numbers, and of the law of damping, by which stability is computed."""
-        rows = [getattr(self, name) for name in ("stiffness", "damping", *ROWS)]
-        content = np.vstack(rows).tobytes() + np.array(self.rayleigh or (np.nan, np.nan)).tobytes()
-        content += b"".join(each.tobytes() for each in (self.struck, self.gap, self.friction) if each is not None)
+        content = np.vstack([getattr(self, name) for name in ROWS]).tobytes()
+        content += np.array(self.rayleigh or (np.nan, np.nan)).tobytes()
+        content += b"".join(each.tobytes() for each in (self.gap, self.friction) if each is not None)
         content += bytes([self.static]) + (b"" if self.cutoff is None else f"cutoff {self.cutoff!r}".encode())
         return sha256(content + (self.wider.digest.encode() if self.wider else b"")).hexdigest()
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers as lists, from which `from_dict` makes an equal structure."""
-        rows = {name: getattr(self, name).tolist() for name in ("stiffness", "damping", *ROWS)}
+        rows = {name: getattr(self, name).tolist() for name in ROWS}
         own = {"rayleigh": self.rayleigh, "static": self.static, "remarks": list(self.remarks)}
-        own |= {"struck": None if self.struck is None else self.struck.tolist()}
-        if self.gap is not None and self.friction is not None:
+        if self.several:
             own |= {"gap": self.gap.tolist(), "friction": self.friction.tolist()}
         return rows | own | {"cutoff": self.cutoff, "wider": self.wider.to_dict() if self.wider else None}
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Structure:
         """The structure of `to_dict`."""
-        rows: dict[str, Any] = {name: np.array(content[name], float) for name in ("stiffness", "damping", *ROWS)}
-        rayleigh = None if content["rayleigh"] is None else (content["rayleigh"][0], content["rayleigh"][1])
-        found = cls(**rows, rayleigh=rayleigh, static=int(content["static"]), remarks=tuple(content["remarks"]))
-        wider, struck = content.get("wider"), content.get("struck")
-        found = replace(found, cutoff=content.get("cutoff"), wider=cls.from_dict(wider) if wider else None)
-        given: dict[str, Any] = {"struck": struck, "gap": content.get("gap"), "friction": content.get("friction")}
-        given = {name: np.array(each, float) for name, each in given.items() if each is not None}
-        return replace(found, **given)
+        # Earlier ones may be without `struck`, `cutoff` and `wider`, and those with one contact have no gap.
+        given = {"cutoff": None, "wider": None} | dict(content)
+        given["struck"] = given["normal"] if given.get("struck") is None else given["struck"]
+        rows: Any = {name: np.array(given[name], float) for name in ROWS}
+        rayleigh = None if given["rayleigh"] is None else tuple(given["rayleigh"])
+        own: Any = {"rayleigh": rayleigh, "static": int(given["static"]), "remarks": tuple(given["remarks"])}
+        own |= {name: np.array(given[name], float) for name in ("gap", "friction") if name in given}
+        wider = cls.from_dict(given["wider"]) if given["wider"] else None
+        return cls(**rows, **own, cutoff=given["cutoff"], wider=wider)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Structure) and self.digest == other.digest
@@ -396,9 +388,7 @@ class Structure(ContactModel, ReadOnlyArrays):
 
     def truncated(self) -> Structure:
         """Without the static compliance of the modes that are not computed."""
-        kept = slice(len(self.frequency))
-        rows = {name: getattr(self, name)[..., kept] for name in ("stiffness", "damping", *ROWS)}
-        rows |= {} if self.struck is None else {"struck": self.struck[..., kept]}
+        rows: Any = {name: getattr(self, name)[..., : len(self.frequency)] for name in ROWS}
         return replace(self, **rows, static=0, wider=self.wider and self.wider.truncated())
 
     def mirrored(self) -> Structure:
@@ -443,12 +433,9 @@ class Structure(ContactModel, ReadOnlyArrays):
             of those above, too.
         """
         checks.choice("of", of, ("tied", "free"))
-        m = len(self.frequency)
-        wider, further = self.wider, damping_ratio
+        m, wider = len(self.frequency), self.wider
         if wider is not None:
-            # Further modes have the last ratio.
-            more = (0, len(wider.frequency) - m)
-            wider = wider.damped(np.pad(further, more, mode="edge") if np.ndim(further) == 1 else further, of)
+            wider = wider.damped(_extended(damping_ratio, len(wider.frequency) - m), of)
         if of == "free":
             added = 2.0 * _ratios(damping_ratio, m) * np.sqrt(self.stiffness[:m])
             return replace(self, damping=np.pad(added, (0, self.static)), rayleigh=None, wider=wider)
@@ -486,13 +473,6 @@ def _row(name: str, value: Any, n: int | None) -> Array:
     return row
 
 
-def _rows(name: str, value: Any, n: int, row: Callable[[str, Any, int], Array] = _row) -> Array:
-    """A row, (n,), or those of several contacts, (c, n), each made by `row`."""
-    value = value.toarray() if sparse.issparse(value) and value.shape[0] > 1 else value
-    several = isinstance(value, (list, tuple, np.ndarray)) and len(value) and not np.isscalar(value[0])
-    return np.stack([row(name, each, n) for each in value]) if several else row(name, value, n)
-
-
 def _over_dofs(name: str, value: Any, n: int) -> Array:
     """A vector over the degrees of freedom, from one or from {dof: weight}."""
     if not isinstance(value, Mapping):
@@ -505,16 +485,18 @@ def _over_dofs(name: str, value: Any, n: int) -> Array:
     return row
 
 
-def observed(tangential: Array) -> Array:
-    """What is observed by default, (n,): the tangential gap, of several contacts their mean."""
-    return np.asarray(tangential.mean(axis=0)) if tangential.ndim > 1 else tangential
-
-
-def contact_rows(normal: Array, tangential: Array, gap: Any, friction: Any) -> tuple[dict[str, Any], list[Array]]:
-    """Gap and friction of several contacts, and the rows of the gaps; of one contact nothing, and rows (n,)."""
-    if normal.shape != tangential.shape:
-        raise InputError(f"tangential of shape {tangential.shape}: it must be {normal.shape}, as normal is")
-    count, found = len(np.atleast_2d(normal)), dict[str, Any]()
+def _contact_rows(
+    normal: Any, tangential: Any, gap: Any, friction: Any, n: int, row: Callable[[str, Any, int], Array]
+) -> tuple[dict[str, Any], Array]:
+    """Gap and friction of several contacts, nothing of one; rows of all gaps, (2c, n), the normal ones first."""
+    rows = []
+    for name, value in (("normal", normal), ("tangential", tangential)):
+        value = value.toarray() if sparse.issparse(value) and value.shape[0] > 1 else value
+        several = isinstance(value, (list, tuple, np.ndarray)) and len(value) and not np.isscalar(value[0])
+        rows.append(np.stack([row(name, each, n) for each in (value if several else [value])]))
+    if rows[0].shape != rows[1].shape:
+        raise InputError(f"tangential of shape {rows[1].shape}: it must be {rows[0].shape}, as normal is")
+    count, found = len(rows[0]), dict[str, Any]()
     for name, value, least, unit in (("gap", gap, 0.0, "m"), ("friction", friction, 1e-6, "a factor of mu")):
         within = partial(checks.between, name, low=least, high=1e6, unit=unit)
         each = checks.array(name, float(name == "friction") if value is None else value, within)
@@ -522,14 +504,8 @@ def contact_rows(normal: Array, tangential: Array, gap: Any, friction: Any) -> t
             text = f"it must be one number or {count}, one for each contact"
             raise InputError(f"{name} of shape {each.shape}: {text}")
         found[name] = np.broadcast_to(each, (count,)).copy()
-    if count == 1 and not found["gap"].any() and found["friction"] == 1.0:
-        return {}, [normal.reshape(-1), tangential.reshape(-1)]
-    return found, [np.atleast_2d(normal), np.atleast_2d(tangential)]
-
-
-def _padded(row: Array, count: int) -> Array:
-    """A row or rows with `count` zeros at the end."""
-    return np.pad(row, [(0, 0)] * (row.ndim - 1) + [(0, count)])
+    usual = count == 1 and not found["gap"].any() and found["friction"] == 1.0
+    return {} if usual else found, np.vstack(rows)
 
 
 def _of_loaded_bodies(M: Any, K: Any, normal: Array, load: Array) -> Array:
@@ -545,53 +521,46 @@ def _ratios(value: Any, n: int) -> Array:
     return np.broadcast_to(ratio, (n,))
 
 
+def _extended(ratio: Any, more: int) -> Any:
+    """Damping ratios, one for each mode, of `more` further modes, too: they have the last one."""
+    return np.pad(ratio, (0, max(more, 0)), mode="edge") if np.ndim(ratio) == 1 else ratio
+
+
 def _modal(
-    stiffness: Array,
-    rows: list[Array],
-    inertia: Array,
-    output: Array,
+    table: Array,
+    own: Mapping[str, Any],
     rayleigh: tuple[Any, Any],
-    damping_ratio: Any,
-    contacts: Mapping[str, Any],
-    compliance: Array | None = None,
-    vectors: Array | None = None,
+    ratio: Any,
+    compliance: Any = None,
+    vectors: Any = None,
     names: Any = None,
 ) -> Structure:
-    """A checked structure of modes with contact and load `rows`; `compliance` of the others at these.
+    """A checked structure of modes, a `table` of stiffness, normal, tangential, load, inertia and output.
 
-    `contacts` are gap and friction of several.
+    Of c contacts normal and tangential are c rows each, and `own` has their gap and friction. `compliance`
+    (2c + 1, 2c + 1) is that of the other modes; `vectors` and `names` of degrees of freedom are for messages.
     """
-    order = np.argsort(stiffness, kind="stable")
-    stiffness, inertia, output = stiffness[order], inertia[order], output[order]
-    normal, tangential, load = (row[..., order] for row in rows)
-    vectors = None if vectors is None else vectors[:, order]
-    d1, d2 = (
-        checks.between(name, value, 0.0, 1e12, unit)
-        for name, value, unit in (("d1", rayleigh[0], "1/s"), ("d2", rayleigh[1], "s"))
-    )
-    if len(stiffness) == 1 and stiffness[0] == 0.0:
+    m, order, c = table.shape[1], np.argsort(table[0], kind="stable"), len(table) // 2 - 2
+    d1, d2 = checks.between("d1", rayleigh[0], 0.0, 1e12, "1/s"), checks.between("d2", rayleigh[1], 0.0, 1e12, "s")
+    if m == 1 and table[0, 0] == 0.0:
         raise InputError(
             "frequency: the only mode is rigid, so that nothing vibrates; give more, or a higher fmax"
         )
-    for name, row in (("normal", normal), ("tangential", tangential), ("load", load)):
-        if not row.any():
+    for name, rows in zip(("normal", "tangential", "load"), np.split(table[1:-2], (c, 2 * c)), strict=True):
+        if not rows.any():
             raise InputError(f"{name}: it must not be zero for every mode")
-    static = 0
+    table = table[:, order]
     if compliance is not None:
-        values, n, t, force = static_modes(compliance, float(stiffness.max()))
-        static = len(values)
-        stiffness, load = np.append(stiffness, values), np.append(load, force)
-        normal, tangential = np.append(normal, n, axis=-1), np.append(tangential, t, axis=-1)
-        inertia, output = (np.pad(row, (0, static)) for row in (inertia, output))
-    damping, by_mode = d1 + d2 * stiffness, damping_ratio is not None
-    if static:
-        damping[-static:] = 0.0
-    if by_mode:
-        m = len(stiffness) - static
-        damping[:m] += 2.0 * _ratios(damping_ratio, m) * np.sqrt(stiffness[:m])
-    _held(stiffness, normal, vectors, names)
-    own = None if by_mode else (d1, d2)
-    structure = Structure(stiffness, damping, normal, tangential, inertia, output, load, own, static, **contacts)
+        springs = np.vstack(static_modes(compliance, float(table[0].max())))
+        table = np.hstack([table, np.pad(springs, ((0, 2), (0, 0)))])
+    stiffness, load, inertia, output = (row.copy() for row in table[[0, -3, -2, -1]])
+    normal, tangential = (rows.copy() if own else rows[0].copy() for rows in np.split(table[1:-3], 2))
+    damping = np.where(np.arange(len(stiffness)) < m, d1 + d2 * stiffness, 0.0)
+    if ratio is not None:
+        damping[:m] += 2.0 * _ratios(ratio, m) * np.sqrt(stiffness[:m])
+    _held(stiffness, normal, None if vectors is None else vectors[:, order], names)
+    law, each = None if ratio is not None else (d1, d2), (normal, tangential, inertia, output, load)
+    structure = Structure(stiffness, damping, *each, normal, law, len(stiffness) - m, **own)
     pressing, rounding = structure._normal_force
     if abs(pressing) <= rounding:
         return replace(structure, remarks=(f"load: {NO_PRELOAD}",))
@@ -702,8 +671,7 @@ def of_beams(rig: Rig, theta: float) -> Structure:
     load[:n1] = -upper.shapes[0, 1]
     damping = rig.d1 + rig.d2 * stiffness
     struck = np.where(np.arange(len(normal)) < n1, normal, 0.0)
-    own = Structure(stiffness, damping, normal, tangential, inertia, output, load, (rig.d1, rig.d2))
-    return replace(own, struck=struck)
+    return Structure(stiffness, damping, normal, tangential, inertia, output, load, struck, (rig.d1, rig.d2))
 
 
 def modal_structure(rig: ContactModel, theta: float) -> Structure:

@@ -80,7 +80,7 @@ def read_modes(path: str | Path, rows: Mapping[str, Any] | None = None) -> dict[
 def structure_arguments(path: str | Path) -> tuple[str, dict[str, Any]]:
     """Read the TOML file of a structure: the name of a constructor of `Structure`, and its keyword arguments.
 
-    `mass`, `stiffness` and `damping` are files beside it, or {file = ..., key = ...}. `normal`, `tangential`,
+    `mass`, `stiffness` and `damping` name files in its folder, or {file = ..., key = ...}. `normal`, `tangential`,
     `load`, `output` and `drive` are each an index from 0, a name like "node 845, y", a table of weights of these,
     or a text file of a vector. Names need labels: the matrices' own, `dofs_per_node`, or `nodes`, a file with a
     node and a direction for each row. In place of matrices, `modes` is a file for `read_modes`, or each table

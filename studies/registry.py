@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 # The predefined studies in their order.
 NAMES = (
     "table4", "fig5", "fig6", "fig7", "contact", "fig11", "table6", "stick_time", "stability", "sensitivity",
-    "robust", "regimes", "damping", "stribeck", "hysteresis", "basins", "scenes", "accuracy", "stress", "classics",
-    "patch",
+    "robust", "regimes", "damping", "stribeck", "hysteresis", "cycles", "basins", "scenes", "accuracy", "stress",
+    "classics", "patch",
 )  # fmt: skip
 # Where a predefined study is not in the gallery.
 ELSEWHERE = {"accuracy": "studies.accuracy.study", "stress": "studies.stress.study"}

@@ -208,4 +208,6 @@ def settled(dataset: xr.Dataset, about: Mapping[str, tuple[Any, str, str]] | Non
 def is_usual(dataset: xr.Dataset, dims: tuple[str, ...]) -> bool:
     """Whether the points of a result have these dimensions; of a map, without any, one or two parameters."""
     found = tuple(map(str, dataset["status"].dims))
+    # A structure has no numbers of the beams.
+    dims = tuple(dim for dim in dims if dim not in RIG) if structure_in(dataset) else dims
     return found == dims if dims else len(found) <= 2 and found[0] not in PATHS

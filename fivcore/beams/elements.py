@@ -52,23 +52,13 @@ def bending(beam: Beam) -> Family:
     deflection, coupled, turning = h * np.sqrt(h / 3.0), np.sqrt(0.75 * h), np.sqrt(h / 4.0)
     lever = h * np.maximum(np.subtract.outer(np.arange(n), np.arange(n)), 0)
     soft = 1.0 / np.sqrt(beam.bending_stiffness)
-    root = soft * (
-        np.kron(np.tri(n), [[deflection, 0], [coupled, turning]]) + np.kron(lever, [[coupled, 0], [0, 0]])
-    )
-    root += np.kron(soft * lever, [[0, turning], [0, 0]])
+    root = np.kron(np.tri(n), [[deflection, 0], [coupled, turning]]) + np.kron(lever, [[coupled, 0], [0, 0]])
+    root = soft * root + np.kron(soft * lever, [[0, turning], [0, 0]])
     return _assembled(beam.bending_stiffness / h**3 * k * scale, beam.mass / n / 420.0 * m * scale, root)
 
 
 def hermite(beam: Beam, position: float) -> tuple[Array, Array]:
-    """Rows that read u and w at `position` (m from node 0) from the free nodes' degrees of freedom.
-
-    Returns
-    -------
-    axial_row : ndarray, (N,)
-        Linear interpolation of u.
-    bending_row : ndarray, (2 N,)
-        Cubic Hermite interpolation of w.
-    """
+    """Rows (N,) and (2 N,) that interpolate u (linear) and w (cubic) of the nodes at `position`, m from node 0."""
     n, h = beam.elements, beam.length / beam.elements
     # A point that rounding puts a hair beside a node belongs to the node.
     place = round(position / h) if abs(position / h - round(position / h)) < 1e-9 else position / h

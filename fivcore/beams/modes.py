@@ -104,11 +104,9 @@ def rig_bases(rig: Rig, theta: float) -> tuple[Basis, Basis]:
     return upper_basis(rig.p1, rig.head_mass, theta), lower_basis(rig.p2, rig.contact_position)
 
 
-def contact_modes(rig: Rig, theta: float) -> tuple[Array, Array, Array]:
-    """Stiffness, normal and tangential gap shapes of both beams' modes, P1's first."""
-    parts = [np.stack([basis.stiffness, basis.normal, basis.tangential]) for basis in rig_bases(rig, theta)]
-    stiffness, normal, tangential = np.concatenate(parts, axis=1)
-    return stiffness, normal, tangential
+def contact_modes(rig: Rig, theta: float) -> Array:
+    """Stiffness, normal and tangential gap shapes of both beams' modes, P1's first, (3, n)."""
+    return np.hstack([(basis.stiffness, basis.normal, basis.tangential) for basis in rig_bases(rig, theta)])
 
 
 def residual_flexibility(stiffness: Array, shape: Array) -> Array:
@@ -158,19 +156,9 @@ def supported_modes(own: Array, parts: Array, support: float) -> tuple[Array, Ar
     equation, one above each pole d (Golub, SIAM Review 15, 1973, 318-334). A root is sought as its distance
     from the nearest pole, which alone tells the shape of the mode (Li, LAPACK Working Note 89, 1993).
 
-    Parameters
-    ----------
-    own, parts : ndarray, (n,)
-        Squared frequencies of the clamped structure, rad2/s2, ascending, and G, kg^1/2.
-    support : float
-        m_total less the sum of G^2, kg.
-
-    Returns
-    -------
-    values, moved : ndarray, (n,)
-        Squared frequencies, rad2/s2, each above its own, and displacements of the support, kg^-1/2.
-    shapes : ndarray, (n, n)
-        Mass-normalised modes, one a row, in the modes of the clamped structure.
+    `own` (n,) are squared frequencies of the clamped structure, rad2/s2, ascending, `parts` (n,) G, kg^1/2, and
+    `support` is m_total less the sum of G^2, kg. Returns squared frequencies, each above its own, displacements of
+    the support, kg^-1/2, and mass-normalised modes in those of the clamped structure, one a row.
     """
     n, m, total, pole = len(own), 0, 0.0, 0.0
     values, moved, shapes, moving = own.copy(), np.zeros(n), np.eye(n), np.empty(n, dtype=np.int64)

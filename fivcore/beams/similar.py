@@ -22,14 +22,9 @@ from fivcore.rig import Beam
 def unit_cantilever(elements: int) -> tuple[Array, Array, Array]:
     """Modes of the cantilever whose length, width, thickness, modulus and density are 1.
 
-    Returns
-    -------
-    modes : ndarray, (3, 3 elements)
-        Squared frequency, participation factor, and displacement of the free end; axial modes first.
-    deflections : ndarray, (2 elements + 2, 2 elements)
-        Bending modes: deflection and rotation of each node, the clamped one included.
-    rest : ndarray, (2,)
-        What the squared participation factors, axial ones and bending ones, leave of the mass.
+    Squared frequency, participation factor and displacement of the free end, (3, n), axial modes first; deflection
+    and rotation of all nodes in bending, (2 nodes, modes); what the squared participation factors, axial and
+    bending, leave of the mass, (2,).
     """
     beam = Beam(1.0, 1.0, 1.0, 1.0, 1.0, elements)
     (along, u), (across, w) = cantilever_modes(beam)
@@ -58,19 +53,14 @@ def upper_modes(theta: float, head_mass: float, along: float, across: float, mod
     `along` and `across` scale the squared frequencies of axial and of bending modes.
     """
     n = modes.shape[1]
-    own = np.empty(n)
-    for i in range(n):
-        own[i] = modes[0, i] * (along if i < n // 3 else across)
-    order, poles, parts, y, x = np.argsort(own), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    sine, cosine = np.sin(np.radians(theta)), np.cos(np.radians(theta))
-    for i in range(n):
-        j = order[i]
-        # The beam's own axes, from A down to C and across it, in terms of x and y.
-        along_x, along_y = (-sine, -cosine) if j < n // 3 else (cosine, -sine)
-        poles[i], parts[i] = own[j], along_y * modes[1, j]
-        y[i], x[i] = along_y * modes[2, j], along_x * modes[2, j]
+    own = modes[0] * np.where(np.arange(n) < n // 3, along, across)
+    order, sine, cosine = np.argsort(own), np.sin(np.radians(theta)), np.cos(np.radians(theta))
+    # The beam's own axes, from A down to C and across it, in terms of x and y.
+    along_x = np.where(order < n // 3, -sine, cosine)
+    along_y = np.where(order < n // 3, -cosine, -sine)
+    x, y = along_x * modes[2][order], along_y * modes[2][order]
     support = head_mass + cosine * cosine * rest[0] + sine * sine * rest[1]
-    values, moved, shapes = supported_modes(poles, parts, support)
+    values, moved, shapes = supported_modes(own[order], along_y * modes[1][order], support)
     result = np.zeros((3, n + 1))
     result[0, 1:], result[1, 0] = values, np.sqrt(1.0 / (1.0 + head_mass))
     for k in range(n):

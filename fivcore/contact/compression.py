@@ -6,9 +6,9 @@ s = 1 / p and w = g sqrt(s). Block Lanczos from both rows of w gives the Gauss q
 match its first 2 k moments, and its nodes and weights are modes again (Freund, Acta Numerica 12, 2003, 267-319).
 The first block is residual flexibility (MacNeal; Rubin); a mode with s = 0 is static compliance.
 
-Modal damping leaves no such variable. There a few of the far modes stand for all of them: their responses are
-interpolated to rounding in the disc of the band by those of some, chosen by QR with pivoting (interpolative
-decomposition; Cheng, Gimbutas, Martinsson and Rokhlin, SIAM J. Sci. Comput. 26, 2005, 1389-1404).
+With modal damping there is no such variable. A few of the far modes then represent all of them: the responses of
+the others are interpolated to rounding in the disc of the band from those of a few, chosen by QR with pivoting
+(interpolative decomposition; Cheng, Gimbutas, Martinsson and Rokhlin, SIAM J. Sci. Comput. 26, 2005, 1389-1404).
 """
 
 from __future__ import annotations

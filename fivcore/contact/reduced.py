@@ -24,8 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore.beams.modes import one_blas_thread, residual_flexibility
-from fivcore.contact.impulse import at_impulses
-from fivcore.contact.law import DiscreteContact, ratio, resistance
+from fivcore.contact.law import DiscreteContact, at_impulses, ratio, resistance
 from fivcore.contact.several import unique_up_to, with_local
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array, ReadOnlyArrays
@@ -57,38 +56,9 @@ CONTACT_DAMPING = 0.06
 
 @dataclass(frozen=True, eq=False)
 class ReducedModel(ReadOnlyArrays):
-    """Kept modes, and spring and dashpot for the residual flexibility of the others; arrays are read-only.
+    """Kept modes, and spring and dashpot for the residual flexibility of the others; arrays are read-only."""
 
-    Attributes
-    ----------
-    stiffness, damping : ndarray, (n,)
-        omega^2 in rad2/s2 and d1 + d2 omega^2 in 1/s.
-    normal, tangential : ndarray, (n,)
-        Gap shapes, kg^-1/2, as in `fivcore.beams.modes`.
-    inertia : ndarray, (n,)
-        Modal force for a unit acceleration of P2's clamp.
-    output : ndarray, (n,)
-        Displacement that is read, of B along x or a structure's `output`, for a unit of each modal coordinate.
-    load : ndarray, (n,)
-        Modal forces of a unit load on A.
-    kept : ndarray, (all modes,)
-        Which modes of `fivcore.beams.modes.contact_modes` these are.
-    K, C : ndarray, (2, 2)
-        Inverse of the residual flexibility, N/m, and its dashpot, N s/m; normal first. Zero: a rigid contact.
-        Of c contacts (2c, 2c), first all normal gaps.
-    interval : float
-        Time between two samples, s.
-    load_gap : float
-        Static normal gap of the modes that are not kept under a unit load, m; 0 where a rigid mode closes it.
-    rigid_step : float
-        Default step in rigid contact, in units of the fastest mode's time.
-    gap, friction, forces : ndarray, (c,), or None
-        Of several contacts, whose gap shapes are (c, n) and `load_gap` (2c,): initial gaps, factors of mu, and
-        normal forces at rest for a unit load.
-    flexibility, relaxation : ndarray, (2c, 2c), or None; float
-        Of several contacts the inverse of K, m/N, which may be singular but for rounding; C over K, s.
-    """
-
+    # Of each kept mode, (n,), as in `Structure`; loads are in units of the preload.
     stiffness: Array
     damping: Array
     normal: Array
@@ -96,12 +66,20 @@ class ReducedModel(ReadOnlyArrays):
     inertia: Array
     output: Array
     load: Array
+    # Which of all modes these are, (all modes,).
     kept: NDArray[np.bool_]
+    # Inverse of the residual flexibility, N/m, and its dashpot, N s/m, (2, 2), normal first; zero: rigid contact.
     K: Array
     C: Array
+    # Time between two samples, s.
     interval: float = INTERVAL
+    # Static normal gap of the modes that are not kept under a unit load, m; 0 where a rigid mode closes it.
     load_gap: Any = 0.0
+    # Default step in rigid contact, in units of the fastest mode's time.
     rigid_step: float = RIGID_STEP
+    # Of c contacts gap shapes are (c, n), K and C (2c, 2c), normal gaps first, and `load_gap` (2c,). These are
+    # initial gaps, factors of mu, and normal forces at rest for a unit load, (c,); the inverse of K, m/N, which
+    # may be singular except for rounding; and C over K, s.
     gap: Any = None
     friction: Any = None
     forces: Any = None
@@ -145,10 +123,6 @@ class ReducedModel(ReadOnlyArrays):
     def discrete(self, step: float) -> DiscreteContact:
         """The contact in steps of `fast`, s, corrected for impulses."""
         return _discrete(self, step)
-
-    def steepest_fall(self, step: float, mu: float) -> float:
-        """Largest -d mu / dv, s/m for a unit load, up to which slip is unique in a step of `fast`, s."""
-        return self.discrete(step).slip.steepest_fall(mu)
 
     def dissipation(self, contact: DiscreteContact) -> Array:
         """Damping of the dashpot by the mean rates of the gaps over a step, (2, 2), N s/m."""
@@ -259,10 +233,7 @@ def default_cutoff(rig: ContactModel) -> float:
 def reduced_model(rig: ContactModel, theta: float, cutoff: float | None = None) -> ReducedModel:
     """Return the modes below `cutoff`, Hz, by default that of `default_cutoff`, with a residual for the others.
 
-    Raises
-    ------
-    SceneValueError
-        For a cut-off that keeps fewer than three modes.
+    A cut-off that keeps fewer than three modes is a `SceneValueError`.
     """
     full, own = full_model(rig, theta), modal_structure(rig, theta).motion
     cutoff = default_cutoff(rig) if cutoff is None else cutoff

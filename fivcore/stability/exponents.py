@@ -33,9 +33,11 @@ from fivcore.structure import Structure
 LARGEST_PHI, LARGEST = 2.0, 5.0
 # `FAR` and `BLOCKS` of the eigenproblem; how much more than what is listed its eigenvalues may be.
 COARSE_FAR, COARSE_BLOCKS, MARGIN = 9.0, 2, 1.02
-# Damping that is none; real shifts, of which that is used where f is farthest from 0; the longest way of a root by
-# Newton steps, as a share of it.
+# Damping below FAINT is none. Of the real SHIFTS the one with f farthest from 0 is used. Newton steps may move a
+# root by at most FURTHEST of its magnitude.
 FAINT, SHIFTS, FURTHEST = 1e-12, (1.3, 0.55, 2.4), 0.05
+# Roots closer than this share of them may be one.
+DISTINCT = 1e-7
 # Size up to which LAPACK has one thread anyway, so that threads of a sweep need not wait for each other.
 ONE_THREAD = 64
 # Where friction falls: STIFF d2 2 pi fmax is at most 1, unless there are few modes. Points solved together.
@@ -93,7 +95,7 @@ def band_modes(own: Structure, fmax: float, falling: bool = False) -> BandModes:
     p, c, g = p[order], c[order], g[:, order]
     new = np.diff(p, prepend=-np.inf) > 4.0 * EPS * p
     new |= np.abs(np.diff(c, prepend=-np.inf)) > 4.0 * EPS * np.maximum(c, np.sqrt(p))
-    for same in np.split(np.arange(len(p)), np.flatnonzero(new)[1:]):
+    for same in [] if new.all() else np.split(np.arange(len(p)), np.flatnonzero(new)[1:]):
         # Of modes with one pole, two combinations move the gaps: one both, one the tangential gap alone.
         if len(same) > 1:
             first = slice(None, None, 1 if g[0, same].any() else -1)
@@ -203,25 +205,31 @@ def damped_inverse(m: Array, k: Array, p: Array, c: Array, n: Array, t: Array) -
     return inverse, shifts
 
 
+def eigenvalues(inverse: Array, shifts: Array) -> Complex:
+    """Those of matrices whose inverse at their shifts is given, (points, size); one without any is infinite."""
+    with one_blas_thread() if inverse.shape[1] > ONE_THREAD else nullcontext(), np.errstate(all="ignore"):
+        return np.asarray(shifts[:, None] + 1.0 / np.linalg.eigvals(inverse).astype(complex))
+
+
 def exponents(modes: BandModes, m: Array, k: Array) -> Complex:
     """All of the band, (points, any), with NaN: lambda where `rayleigh` is given, else phi with Im >= 0.
 
     m and k, N s/m, are (points,). The last columns are `modes.uncoupled`.
     """
-    (p, c, (n, t)), k, largest, parts = modes.few, modes.omega * k, LARGEST_PHI, []
+    (p, c, (n, t)), parts = modes.few, []
+    power, dashpots, largest = 1.0, modes.c, LARGEST_PHI
     if modes.rayleigh:
-        largest = LARGEST * modes.largest
+        power, dashpots, largest = 0.0, -np.ones(len(modes.p)), LARGEST * modes.largest
     for i in range(0, max(len(m), 1), POINTS_AT_ONCE):
-        points = m[i : i + POINTS_AT_ONCE], k[i : i + POINTS_AT_ONCE]
-        if modes.rayleigh:
-            inverse, shifts = undamped_inverse(points[0], p, n, t, modes.largest)
-        else:
-            inverse, shifts = damped_inverse(*points, p, c, n, t)
-        with one_blas_thread() if inverse.shape[1] > ONE_THREAD else nullcontext():
-            values = np.linalg.eigvals(inverse).astype(complex)
-        power, dashpots = (0.0, -np.ones(len(modes.p))) if modes.rayleigh else (1.0, modes.c)
-        parts.append(polished(values, shifts, *points, modes.p, dashpots, modes.residues, power, largest))
-    found = np.pad(np.concatenate(parts), ((0, 0), (0, len(modes.uncoupled))))
+        friction, fall = m[i : i + POINTS_AT_ONCE], modes.omega * k[i : i + POINTS_AT_ONCE]
+        starts = eigenvalues(*undamped_inverse(friction, p, n, t, modes.largest))
+        if not modes.rayleigh:
+            starts, whole = damped_starts(starts, friction, fall, p, c, n, t)
+            starts[~whole] = eigenvalues(*damped_inverse(friction[~whole], fall[~whole], p, c, n, t))
+        parts.append(polished(starts, friction, fall, modes.p, dashpots, modes.residues, power, largest))
+    found = np.concatenate(parts)
+    found = found[:, : np.count_nonzero(~np.isnan(found), axis=1).max(initial=0)]
+    found = np.pad(found, ((0, 0), (0, len(modes.uncoupled))))
     found[:, found.shape[1] - len(modes.uncoupled) :] = modes.uncoupled
     found[np.abs(found) > largest] = complex(np.nan, np.nan)
     return found
@@ -256,29 +264,31 @@ def sliding_shape(own: Structure, phi: complex, uncoupled: bool, falling: bool =
 
 
 @kernel
-def newton_step(z: complex, p: Array, c: Array, power: float, rows: Array, count: int, gaps: Complex) -> complex:
-    """P / P' of P = f prod_i (p_i + c_i z + power z^2); the nearest pole is taken out of f. `gaps` is overwritten.
+def newton_step(
+    z: complex, p: Array, c: Array, power: float, rows: Array, count: int, inverse: Complex
+) -> complex:
+    """P / P' of P = f prod_i (p_i + c_i z + power z^2); the nearest pole is taken out of f.
 
     Of `rows`, n (n + m t), n n, sqrt(k) n t and k t t, only the first counts if `count` is 1 (no k), else all 4;
-    as (n t)^2 = n n t t for each mode, f has no double poles.
+    as (n t)^2 = n n t t for each mode, f has no double poles. `inverse` is overwritten.
     """
-    nearest, least = 0, np.inf
+    nearest, least, gap = 0, np.inf, 0j
     for i in range(len(p)):
-        gaps[i] = p[i] + z * (c[i] + power * z)
-        square = gaps[i].real ** 2 + gaps[i].imag ** 2
+        here = p[i] + z * (c[i] + power * z)
+        square = here.real**2 + here.imag**2
+        inverse[i] = complex(here.real / square, -here.imag / square)
         if square < least:
-            nearest, least = i, square
+            nearest, least, gap = i, square, here
     sums, slopes, others = np.zeros(4, np.complex128), np.zeros(4, np.complex128), 0j
     for i in range(len(p)):
         if i != nearest:
-            inverse = 1.0 / gaps[i]
-            fall = (c[i] + 2.0 * power * z) * inverse
+            fall = (c[i] + 2.0 * power * z) * inverse[i]
             others += fall
             for r in range(count):
-                term = rows[r, i] * inverse
+                term = rows[r, i] * inverse[i]
                 sums[r] += term
                 slopes[r] -= term * fall
-    gap, rise = gaps[nearest], c[nearest] + 2.0 * power * z
+    rise = c[nearest] + 2.0 * power * z
     reduced, derivative = rows[0, nearest] + gap * sums[0], rise * sums[0] + gap * slopes[0]
     if count > 1:
         a, b, t = rows[1, nearest], rows[2, nearest], rows[3, nearest]
@@ -293,44 +303,92 @@ def newton_step(z: complex, p: Array, c: Array, power: float, rows: Array, count
 
 
 @kernel
+def refined(
+    start: complex, known: Complex, p: Array, c: Array, power: float, rows: Array, count: int, inverse: Complex
+) -> Any:
+    """A root by Newton steps, away from those known and their conjugates, and the length of the last step."""
+    here, length, last = start, 0.0, np.inf
+    for turn in range(30):
+        step, crowd = newton_step(here, p, c, power, rows, count, inverse), 0j
+        for other in known:
+            away = here - other.real
+            square = away * away + other.imag**2
+            crowd += 2.0 * away / square if square != 0.0 else 0.0
+        step = step / (1.0 - step * crowd) if step * crowd != 1.0 else step
+        length = abs(step)
+        # Near a double root f is rounding, and steps get no shorter, before they are too short to matter.
+        if turn > 3 and length >= last and length < 1e-4 * abs(here):
+            break
+        here -= step
+        if length <= 4.0 * EPS * abs(here):
+            break
+        last = length
+    return here, length
+
+
+@kernel
+def damped_starts(values: Complex, m: Array, k: Array, p: Array, c: Array, n: Array, t: Array) -> Any:
+    """Exponents of modes from their undamped eigenvalues, (points, any), and whether they are all, (points,).
+
+    Newton steps start where damping and falling friction take an eigenvalue to first order. P of `newton_step` has
+    2 (size - 1) roots: as many that differ are all of them.
+    """
+    size, inverse, rows = len(p), np.empty(len(p), np.complex128), np.empty((4, len(p)))
+    table, whole = np.full((len(m), 2 * size), complex(np.nan, np.nan)), np.zeros(len(m), np.bool_)
+    for point in range(len(m)):
+        root, count, number, most = np.sqrt(k[point]), 0, 0, np.abs(values[point]).max()
+        rows[0], rows[1], rows[2], rows[3] = n * (n + m[point] * t), n * n, root * n * t, k[point] * t * t
+        for z in values[point]:
+            if abs(z) == most:
+                continue
+            A, B, C, loss, slope = 0j, 0j, 0j, 0j, 0j
+            for i in range(size):
+                gap = p[i] - z
+                soft = gap.conjugate() / (gap.real**2 + gap.imag**2 + 1e-300)
+                square = rows[0, i] * soft * soft
+                A, B, C = A + rows[1, i] * soft, B + rows[2, i] * soft, C + rows[3, i] * soft
+                loss, slope = loss + c[i] * square, slope + square
+            half = 0.5 * (loss + (A * C - B * B)) / slope if slope != 0.0 else 0j
+            turn = np.sqrt(half * half - z)
+            for start in (turn - half, -turn - half):
+                if start.imag >= 0.0:
+                    phi, rest = refined(
+                        start, table[point, :count], p, c, 1.0, rows, 4 if root > 0.0 else 1, inverse
+                    )
+                    phi, least = complex(phi.real, abs(phi.imag)), DISTINCT * abs(phi)
+                    # Far out P overflows, and steps end anywhere.
+                    same = rest > least or 0.0 < phi.imag < least or not abs(phi) < 1e50
+                    for i in range(count):
+                        same |= abs(table[point, i] - phi) < least
+                    number += -2 * size if same else 2 if phi.imag > 0.0 else 1
+                    table[point, count] = phi
+                    count += 1
+            if number < 0:
+                break
+        whole[point] = number == 2 * (size - 1)
+    return table, whole
+
+
+@kernel
 def polished(
-    inverse: Complex,
-    shift: Array,
-    m: Array,
-    k: Array,
-    p: Array,
-    c: Array,
-    residues: Array,
-    power: float,
-    top: float,
+    starts: Complex, m: Array, k: Array, p: Array, c: Array, residues: Array, power: float, top: float
 ) -> Complex:
-    """Roots z = shift + 1 / inverse, (points, any), to rounding by Newton steps; first those listed, then NaN.
+    """Roots near `starts`, (points, any), to rounding by Newton steps; first those listed, then NaN.
 
     Listed are those with |z| up to `top` and Im(z) from 0 to 1, or without `power` all and their conjugates. A
     root that would go far stays where it was.
     """
-    rows, gaps = np.empty((4, len(p))), np.empty(len(p), np.complex128)
-    table = np.full(inverse.shape, complex(np.nan, np.nan))
+    rows, inverse = np.empty((4, len(p))), np.empty(len(p), np.complex128)
+    table = np.full(starts.shape, complex(np.nan, np.nan))
     for point in range(len(m)):
         root, count = np.sqrt(k[point]), 0
         for i in range(len(p)):
             rows[0, i] = residues[0, i] + m[point] * residues[1, i]
             rows[1, i], rows[2, i], rows[3, i] = residues[0, i], root * residues[1, i], k[point] * residues[2, i]
-        for beta in inverse[point]:
-            start = shift[point] + (1.0 / beta if beta != 0.0 else np.inf)
+        for start in starts[point]:
             if not (0.0 <= power * start.imag <= MARGIN and start.imag >= 0.0 and abs(start) <= MARGIN * top):
                 continue
-            here, last = start, np.inf
-            for turn in range(30):
-                step = newton_step(here, p, c, power, rows, 4 if root > 0.0 else 1, gaps)
-                length = abs(step)
-                # Near a double root f is rounding, and steps get no shorter, before they are too short to matter.
-                if turn > 3 and length >= last:
-                    break
-                here -= step
-                if length <= 4.0 * EPS * abs(here):
-                    break
-                last = length
+            here, _ = refined(start, table[0, :0], p, c, power, rows, 4 if root > 0.0 else 1, inverse)
             here = here if abs(here - start) <= FURTHEST * abs(start) + 1e-9 else start
             # Growth that is rounding is none.
             if power > 0.0 and abs(here.real) <= 16.0 * EPS * abs(here):

@@ -18,7 +18,7 @@ from fivcore.friction import Friction
 from fivcore.jit import Array, ReadOnlyArrays
 from fivcore.rig import Rig, Scene
 from fivcore.stability.exponents import band_modes
-from fivcore.stability.sampled import Along, FrictionPath, coulomb_crossings, sampled_crossings
+from fivcore.stability.sampled import FrictionPath, coulomb_crossings, sampled_crossings
 from fivcore.stability.several import onsets_along
 from fivcore.structure import Structure, modal_structure
 
@@ -78,7 +78,7 @@ def falling_crossings(
     if squared:
         m1, power = 0.0, 1.0
     path = FrictionPath(m0, m1, f, fall * own.preload * modes.omega, power)
-    return sampled_crossings(modes, path, low, high, Along(name, value_of, at))
+    return sampled_crossings(modes, path, low, high, name, value_of, at)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,10 +129,8 @@ def sliding_onsets(scene: Scene, parameter: str, low: float, high: float, fmax: 
     checks.instance("scene", scene, Scene)
     checks.choice("parameter", parameter, ("mu", "V", "F"))
     limits = {"mu": (0.0, 1e6, "1"), "V": (*LIMITS, "m/s"), "F": (*LIMITS, "N")}[parameter]
-    start, band = checks.between("low", low, *limits), checks.band(fmax)
-    end = checks.number(
-        "high", high, f"above low = {start:g}, up to {limits[1]:g}", lambda x: start < x <= limits[1]
-    )
+    start, most, band = checks.between("low", low, *limits), limits[1], checks.band(fmax)
+    end = checks.number("high", high, f"above low = {start:g}, up to {most:g}", lambda x: start < x <= most)
     own = modal_structure(scene.rig, scene.drive_theta)
     if scene.V < 0.0 and not isinstance(scene.rig, Rig):
         own = own.mirrored()
@@ -156,10 +154,6 @@ def checked_sliding(friction: Friction, V: Any, F: Any) -> tuple[Array | None, A
     if not friction.constant and (V is None or F is None):
         missing = "V" if V is None else "F"
         raise InputError(f"{missing} is missing: where friction falls with the speed give V (m/s) and F (N)")
-
-    def checked(name: str, value: Any, unit: str) -> Array | None:
-        return (
-            None if value is None else checks.array(name, value, lambda x: checks.between(name, x, *LIMITS, unit))
-        )
-
-    return checked("V", V, "m/s"), checked("F", F, "N")
+    speed = None if V is None else checks.array("V", V, lambda x: checks.between("V", x, *LIMITS, "m/s"))
+    load = None if F is None else checks.array("F", F, lambda x: checks.between("F", x, *LIMITS, "N"))
+    return speed, load

@@ -140,19 +140,14 @@ def onset_curves(rig: Rig, theta: Any, fmax: float = 10e3, mu_max: float = 1.0) 
                     points.append(at._replace(outside=False, level=most, end="mu_max"))
                 else:
                     points.append(at._replace(outside=False, frequency=band, end="fmax"))
-        parts = [
-            list(part) for outside, part in groupby(sorted(points), lambda point: point.outside) if not outside
-        ]
-        for part in parts:
-            lowest = min(part, key=lambda point: point.level)
-            at, mu, frequency = np.array([point[:3] for point in part]).T.copy()
-            curves.append(
-                OnsetCurve(at, mu, frequency, part[0].destabilising, (part[0].end, part[-1].end), lowest[:3])
-            )
+        for outside, group in groupby(sorted(points), lambda point: point.outside):
+            if not outside:
+                part = list(group)
+                lowest, ends = min(part, key=lambda point: point.level)[:3], (part[0].end, part[-1].end)
+                at, mu, frequency = np.array([point[:3] for point in part]).T.copy()
+                curves.append(OnsetCurve(at, mu, frequency, part[0].destabilising, ends, lowest))
     curves.sort(key=lambda curve: curve.lowest[2])
-    onsets, recoveries = (
-        tuple(curve for curve in curves if curve.destabilising is kind) for kind in (True, False)
-    )
+    onsets, recoveries = (tuple(each for each in curves if each.destabilising is kind) for kind in (True, False))
     return OnsetCurves(onsets, recoveries, angles, *_table(angles, onsets), *_table(angles, recoveries))
 
 
@@ -184,9 +179,8 @@ def unstable_windows(
     checks.instance("rig", rig, Rig)
     friction = checks.friction(mu)
     first = checks.number("theta_min", theta_min, "an angle between -90 and 90 degrees", lambda x: abs(x) < 90.0)
-    last = checks.number(
-        "theta_max", theta_max, f"above theta_min = {first:g} and below 90 degrees", lambda x: first < x < 90.0
-    )
+    allowed = f"above theta_min = {first:g} and below 90 degrees"
+    last = checks.number("theta_max", theta_max, allowed, lambda x: first < x < 90.0)
     band = checks.band(fmax)
     angles, growing = np.array([first, last]), partial(_growing, rig, friction, band)
     # Onsets well above the friction belong to branches that may dip to it between two samples.
@@ -208,10 +202,8 @@ def unstable_windows(
     ends[2.0 * np.pi * ends < 1e-4 * level[:2]] = 0.0
     ends[ends > (1.0 - 1e-9) * band] = band
     order = np.lexsort((at[0], ends[0]))
-    low, high, peak = at[:, order]
-    low_frequency, high_frequency, peak_frequency = frequency[:, order]
-    limits = low, high, low_frequency, high_frequency, low == first, high == last
-    return UnstableWindows(*limits, level[2, order], peak, peak_frequency)
+    (low, high, peak), (start, end, fastest), grows = at[:, order], frequency[:, order], level[2, order]
+    return UnstableWindows(low, high, start, end, low == first, high == last, grows, peak, fastest)
 
 
 class Point(NamedTuple):
@@ -231,7 +223,6 @@ class Point(NamedTuple):
 
 
 Points = list[Point]
-Pairs = list[tuple[Point, Point]]
 Sampler = Callable[[list[float]], list[Points]]
 
 
@@ -310,7 +301,7 @@ def _follow(
     return list(branches.values())
 
 
-def _link(sampler: Sampler, left: Any, right: Any, least: float, folds: bool) -> Pairs:
+def _link(sampler: Sampler, left: Any, right: Any, least: float, folds: bool) -> list[tuple[Point, Point]]:
     """Pairs of neighbours on each branch between two samples, which are an angle and its points."""
     pairs = [(p, q) for p in left[1] for q in _nearest(p, right[1]) if _nearest(q, left[1])[0] is p]
     pairs = [(p, q) for p, q in pairs if abs(q.place - p.place) <= LINK_REACH]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -21,16 +22,10 @@ from fivcore.errors import InputError
 from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array, ReadOnlyArrays, kernel
 from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS, ContactModel, Rig, checked_theta
+from fivcore.stability import onsets
 from fivcore.stability.exponents import band_modes
 from fivcore.stability.falling import checked_sliding, falling_crossings
-from fivcore.stability.onsets import (
-    MOST_INTERVALS,
-    PATH_TOP,
-    axis_point,
-    divergence_onset,
-    endless,
-    isolated_crossings,
-)
+from fivcore.stability.onsets import MOST_INTERVALS, axis_point, divergence_onset, isolated_crossings
 from fivcore.stability.sampled import coulomb_crossings
 from fivcore.stability.several import onsets_of_several
 from fivcore.structure import Structure, modal_structure
@@ -204,15 +199,14 @@ def flutter_onsets_many(
 
 
 def _listed(found: Array, divergence: Array, fmax: float, mu_max: float) -> ManyFlutterOnsets:
-    """What `crossings` are."""
+    """Sort `crossings` into onsets, recoveries, entries into the band and changes, by row."""
     (place, change), rows = found[2:], len(divergence)
     on_axis, up = place <= fmax, change > 0.0
-    entering = ~on_axis & (place <= PATH_TOP * fmax) & up
+    entering = ~on_axis & (place <= onsets.PATH_TOP * fmax) & up
     parts = found[:3, on_axis & up], found[:3, on_axis & ~up], found[:2, entering], found[[0, 1, 3]]
-    onset, recovery, [entry], changes = (_padded(each, rows) for each in parts)
-    return ManyFlutterOnsets(
-        onset[0], onset[1], recovery[0], recovery[1], entry, divergence, changes[0], changes[1], mu_max
-    )
+    onset, recovery, entry, changes = (_padded(each, rows) for each in parts)
+    tables: Any = (*onset, *recovery, *entry, divergence, *changes, mu_max)
+    return ManyFlutterOnsets(*tables)
 
 
 def crossings(table: Array, fmax: float, mu_max: float, rig: Rig, threads: int = 1) -> tuple[Array, Array]:
@@ -228,16 +222,13 @@ def crossings(table: Array, fmax: float, mu_max: float, rig: Rig, threads: int =
         rows = table[start : start + RIGS_AT_ONCE]
         found, divergence, failed = _search_rows(rows, 2.0 * np.pi * fmax, mu_max, *beams)
         if failed >= 0:
-            raise endless(mu_max, fmax, f" in row {start + failed}, theta = {rows[failed, 0]:g},")
+            raise onsets.endless(mu_max, fmax, f" in row {start + failed}, theta = {rows[failed, 0]:g},")
         found[:, 0] += start
         return found.T, divergence
 
     starts = range(0, len(table), RIGS_AT_ONCE)
-    if min(workers, len(starts)) > 1:
-        with ThreadPoolExecutor(workers) as pool:
-            solutions = list(pool.map(search, starts))
-    else:
-        solutions = list(map(search, starts))
+    with ThreadPoolExecutor(workers) if min(workers, len(starts)) > 1 else nullcontext() as pool:
+        solutions = list(pool.map(search, starts) if pool else map(search, starts))
     found = np.concatenate([np.empty((4, 0)), *(part for part, _ in solutions)], axis=1)
     found = found[:, np.lexsort(found[1::-1])] * [[1.0], [1.0], [fmax], [1.0]]
     return found, np.concatenate([np.empty(0), *(part for _, part in solutions)])

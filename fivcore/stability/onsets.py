@@ -60,10 +60,10 @@ def receptances(
         shift, distance = p[n] - p[i], p[i] - x
         real, imaginary = 1.0, 0.0
         if shift != 0.0:
-            square = distance * distance + y * y
-            imaginary = shift / square
+            share = 1.0 / (distance * distance + y * y)
+            imaginary = shift * share
             # Not 1 + imaginary * distance, which cancels for a pole far above the band.
-            real = ((p[n] - x) * distance + y * y) / square
+            real = ((p[n] - x) * distance + y * y) * share
         ar += a[i] * real
         ai += a[i] * imaginary
         br += b[i] * real
@@ -88,9 +88,12 @@ def onset_friction(omega: float, n: int, p: Array, a: Array, b: Array, d1: float
 
 @kernel
 def classify_interval(
-    low: float, high: float, n: int, p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float
-) -> int:
-    """NONE if no onset lies in (low, high), ONE if exactly one zero of W does, else SPLIT: it must be halved."""
+    low: float, high: float, w: float, n: int, p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float
+) -> tuple[int, float, float]:
+    """NONE if no onset lies in (low, high), ONE if exactly one zero of W does, else SPLIT: it must be halved.
+
+    And W at both ends, NaN where it is not known; w is what is known of it at the lower.
+    """
     middle, width = 0.5 * (low + high), high - low
     half = 0.5 * width
     x, y = axis_point(middle, d1, d2)
@@ -104,14 +107,15 @@ def classify_interval(
         shift = abs(p[n] - p[i])
         if shift == 0.0:
             continue
-        clear = np.hypot(p[i] - x, y) - l1 * half
+        clear = np.sqrt((p[i] - x) ** 2 + y * y) - l1 * half
         if clear <= 0.0:
-            return SPLIT
+            return SPLIT, w, np.nan
         u = 1.0 / clear
-        share = complex(abs(a[i]), abs(b[i])) * (shift * u * u)
-        s2 += share
-        s3 += share * u
-        s4 += share * (u * u)
+        # Not complex numbers times u, which would be products of complex numbers.
+        of_a, of_b, square = abs(a[i]) * (shift * u * u), abs(b[i]) * (shift * u * u), u * u
+        s2 += complex(of_a, of_b)
+        s3 += complex(of_a * u, of_b * u)
+        s4 += complex(of_a * square, of_b * square)
     # Bounds on first and second derivatives of A + i B: whole (w), and of the parts divided by y (i).
     w1, w2, i1, i2 = l1 * s2, 2.0 * l1 * l1 * s3 + l2 * s2, 2.0 * l1 * s3, 6.0 * l1 * l1 * s4 + 2.0 * l2 * s3
     aw1, bw1, ai1, bi1 = w1.real, w1.imag, i1.real, i1.imag
@@ -120,38 +124,40 @@ def classify_interval(
     size_a, size_b = np.hypot(ra.real, y * ra.imag), np.hypot(rb.real, y * rb.imag)
     product = ra.real * rb.real + y * y * ra.imag * rb.imag
     if size_a - aw1 * half > mu_max * (size_b + bw1 * half):
-        return NONE
+        return NONE, w, np.nan
     if product > (size_a * bw1 + size_b * aw1 + aw1 * bw1 * half) * half:
-        return NONE
+        return NONE, w, np.nan
     ar, br = abs(ra.real) + aw1 * half, abs(rb.real) + bw1 * half
     ai, bi = abs(ra.imag) + ai1 * half, abs(rb.imag) + bi1 * half
     curvature = i2.real * br + 2.0 * ai1 * bw1 + ai * w2.imag + w2.real * bi + 2.0 * aw1 * bi1 + ar * i2.imag
     bound = curvature * width * width
-    w_low, w_high = onset_function(low, n, p, a, b, d1, d2), onset_function(high, n, p, a, b, d1, d2)
+    w_low = onset_function(low, n, p, a, b, d1, d2) if np.isnan(w) else w
+    w_high = onset_function(high, n, p, a, b, d1, d2)
     if (w_low > 0.0) == (w_high > 0.0):
-        return NONE if min(abs(w_low), abs(w_high)) > 0.125 * bound else SPLIT
-    return ONE if abs(w_high - w_low) > bound else SPLIT
+        return NONE if min(abs(w_low), abs(w_high)) > 0.125 * bound else SPLIT, w_low, w_high
+    return ONE if abs(w_high - w_low) > bound else SPLIT, w_low, w_high
 
 
 @kernel
 def isolate(p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float, brackets: Array) -> tuple[int, int]:
     """Fill `brackets` with low, high and pole index of each zero of W; return how many, and intervals judged."""
-    found, judged, low, width = 0, 0, 0.0, 1.0 / 64.0
+    found, judged, low, width, w_low, last = 0, 0, 0.0, 1.0 / 64.0, np.nan, -1
     while low < ARC and judged < MOST_INTERVALS:
         high = min(low + width, 1.0 if low < 1.0 else PATH_TOP if low < PATH_TOP else ARC)
         n = int(np.argmin(np.abs(p - axis_point(0.5 * (low + high), d1, d2)[0])))
-        verdict = classify_interval(low, high, n, p, a, b, d1, d2, mu_max)
+        w_low, last = w_low if n == last else np.nan, n
+        verdict, w_low, w_high = classify_interval(low, high, w_low, n, p, a, b, d1, d2, mu_max)
         judged += 1
         # Two zeros this close count as one.
         if verdict == SPLIT and high - low > 1e-13:
             width = 0.5 * (high - low)
             continue
-        if verdict != NONE:
+        if verdict == SPLIT:
             w_low, w_high = onset_function(low, n, p, a, b, d1, d2), onset_function(high, n, p, a, b, d1, d2)
-            if (w_low > 0.0) != (w_high > 0.0):
-                brackets[found, 0], brackets[found, 1], brackets[found, 2] = low, high, n
-                found += 1
-        low, width = high, 2.0 * width
+        if verdict != NONE and (w_low > 0.0) != (w_high > 0.0):
+            brackets[found, 0], brackets[found, 1], brackets[found, 2] = low, high, n
+            found += 1
+        low, width, w_low = high, 1.3 * width, w_high
     return found, judged
 
 
@@ -233,7 +239,7 @@ def divergence_onset(p: Array, c: Array, a: Array, b: Array, mu_max: float) -> f
     low, high, lowest = logs[max(k - 1, 0)], logs[min(k + 1, REAL - 1)], values[k]
     for _ in range(50):
         third = (high - low) / 3.0
-        one, other = (_inverse_friction(low + third, p, c, a, b), _inverse_friction(high - third, p, c, a, b))
+        one, other = _inverse_friction(low + third, p, c, a, b), _inverse_friction(high - third, p, c, a, b)
         lowest = min(lowest, one, other)
         low, high = (low, high - third) if one < other else (low + third, high)
     return -1.0 / lowest if lowest * mu_max <= -1.0 else np.nan

@@ -12,7 +12,7 @@ counted: where they are not those that the crossings make, the samples were too 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq, fminbound
@@ -41,17 +41,6 @@ class FrictionPath(NamedTuple):
     wedging: float = 0.0
     fall: float = 0.0
     power: float = 1.0
-
-
-class Along(NamedTuple):
-    """The parameter of a search: its value for x, falling for V alone, and m and k, N s/m, at a value."""
-
-    name: str = "mu"
-    value_of: Callable[[float], float] = float
-    friction_at: Callable[[float], tuple[float, float]] = lambda value: (value, 0.0)
-
-
-MU = Along()
 
 
 @kernel
@@ -129,16 +118,20 @@ def coulomb_crossings(own: Structure, fmax: float, ratio: float, mu_max: float) 
     return np.asarray(found / [ratio, 1.0, 1.0])
 
 
-def sampled_crossings(modes: BandModes, path: FrictionPath, low: float, high: float, along: Along = MU) -> Array:
+def sampled_crossings(
+    modes: BandModes, path: FrictionPath, low: float, high: float, name: str = "mu",
+    value_of: Callable[[float], float] = float,
+    friction_at: Callable[[float], tuple[float, float]] = lambda value: (value, 0.0),
+) -> Array:  # fmt: skip
     """All places where exponents enter or leave the growing ones of the band, (k, 3), ascending.
 
     Value, from `low` to `high`, of the parameter; place on the path of `onsets`; change of the number of growing
-    exponents.
+    exponents. `value_of` is the parameter at x, falling for V alone, `friction_at` m and k, N s/m, at its value.
     """
     p, c, residues, _ = system = modes.p, modes.c, modes.residues, path
     if not np.any(residues[1]) and not path.fall:
         return np.empty((0, 3))
-    way, poles = -1.0 if along.name == "V" else 1.0, pair(p, c)
+    way, poles = -1.0 if name == "V" else 1.0, pair(p, c)
 
     def candidates(phi: complex, n: int) -> list[tuple[float, complex, complex]]:
         """Values, with the root x and the other one, from the most real root on."""
@@ -146,9 +139,8 @@ def sampled_crossings(modes: BandModes, path: FrictionPath, low: float, high: fl
         roots = np.roots(each / max(np.abs(each).max(), 1e-300))
         roots = roots[np.argsort(np.abs(roots.imag / np.where(roots == 0.0, 1.0, roots)))]
         others = roots[::-1] if len(roots) == 2 else 0.0 * roots
-        return [
-            (along.value_of(float(z.real)), complex(z), complex(w)) for z, w in zip(roots, others, strict=True)
-        ]
+        both = zip(roots.tolist(), others.tolist(), strict=True)
+        return [(value_of(root.real), root, other) for root, other in both]
 
     for share in STEPS:
         onsets: list[tuple[float, float, float]] = []
@@ -170,20 +162,20 @@ def sampled_crossings(modes: BandModes, path: FrictionPath, low: float, high: fl
                 if low < value <= high:
                     onsets.append((value, omega, 2.0 * way if rising == (other.imag <= 0.0) else -2.0 * way))
         table = np.array(sorted(onsets)).reshape(-1, 3)
-        if counts_agree(modes, along, table, low, high):
+        if counts_agree(modes, friction_at, table, low, high):
             return table
     raise UnsolvedError(
-        f"flutter onsets: those from {along.name} = {low:g} to {high:g} do not explain which motions grow below"
+        f"flutter onsets: those from {name} = {low:g} to {high:g} do not explain which motions grow below"
         f" fmax = {modes.omega / (2.0 * np.pi):g} Hz; other limits or another fmax near it will do"
     )
 
 
-def counts_agree(modes: BandModes, along: Along, crossings: Array, low: float, high: float) -> bool:
+def counts_agree(modes: BandModes, friction_at: Any, crossings: Array, low: float, high: float) -> bool:
     """Whether crossings explain the number of growing exponents between any two of them."""
     ends = np.concatenate([[low], crossings[:, 0], [high]])
     expected, wide = np.concatenate([[0.0], np.cumsum(crossings[:, 2])]), np.diff(ends) > 1e-9 * ends[1:]
     middles = (0.5 * (ends[:-1] + ends[1:]))[wide].tolist()
-    roots = exponents(modes, *np.array([along.friction_at(value) for value in middles]).reshape(-1, 2).T)
+    roots = exponents(modes, *np.array([friction_at(value) for value in middles]).reshape(-1, 2).T)
     inside = (roots.real > 0.0) & (np.abs(roots) <= LARGEST_PHI) & (roots.imag <= 1.0)
     growing = np.sum(np.where(roots.imag > 0.0, 2.0, 1.0) * inside, axis=1) - expected[wide]
     return bool(np.all(growing == growing[:1]))

@@ -28,9 +28,7 @@ from fivcore.structure import Structure, modal_structure
 # Relative step; smallest size of a parameter that it is taken of, as a share of what would matter to the rig.
 RELATIVE_STEP, LEAST_SIZE = 2e-5, 1e-3
 # Places and weights of central differences, and of those to one side, of fourth and of second order.
-CENTRAL = np.array(
-    [[-2.0, -1.0, 1.0, 2.0], [1.0 / 12.0, -2.0 / 3.0, 2.0 / 3.0, -1.0 / 12.0], [0.0, -0.5, 0.5, 0.0]]
-)
+CENTRAL = np.array([[-2.0, -1.0, 1.0, 2.0], [1 / 12, -2 / 3, 2 / 3, -1 / 12], [0.0, -0.5, 0.5, 0.0]])
 ONE_SIDED = np.array([[1.0, 2.0, 3.0, 4.0], [4.0, -3.0, 4.0 / 3.0, -0.25], [2.0, -0.5, 0.0, 0.0]])
 # Largest relative change of an onset's frequency from row to row; largest relative difference between the
 # derivatives of both orders, and rounding of the onset. Beyond these it is too near to a fold for a derivative.
@@ -137,8 +135,8 @@ def _of_structure(own: Structure, onsets: FlutterOnsets, band: float) -> OnsetSe
     damping = np.append(own.damping[:m], own.d2 * p[m:])
     damped = damping.max() > FAINT * band
     damping = damping if damped else np.where(np.arange(len(p)) < m, TINY * band, 0.0)
-    names = [f"frequency_{k}" for k in range(1, m + 1)]
-    names += [f"damping_{k}" for k in range(1, m + 1) if damped] + ["direction"]
+    kinds = ("frequency", "damping") if damped else ("frequency",)
+    names = [*(f"{kind}_{k}" for kind in kinds for k in range(1, m + 1)), "direction"]
     values = np.concatenate([own.frequency, own.damping[:m] if damped else [], [1.0]])
 
     def slopes(omega: float, mu: float) -> tuple[complex, complex, NDArray[np.complex128]]:
@@ -148,9 +146,8 @@ def _of_structure(own: Structure, onsets: FlutterOnsets, band: float) -> OnsetSe
         gap, push, turned_gap, turned_push, by_friction = sides(own, soft, mu)
         terms = -push * gap * soft**2
         turned = np.sum((turned_gap * push + gap * turned_push) * soft)
-        by_damping = (phi * terms)[: m if damped else 0]
-        own_terms = 8.0 * np.pi**2 * own.frequency * terms[:m]
-        by_each = np.concatenate([own_terms, by_damping, [turned]])
+        by_stiffness, by_damping = 8.0 * np.pi**2 * own.frequency * terms[:m], (phi * terms)[: m if damped else 0]
+        by_each = np.concatenate([by_stiffness, by_damping, [turned]])
         return 1j * np.sum(terms * (damping + 2.0 * phi)), np.sum(gap * by_friction * soft), by_each
 
     by_mu, by_frequency = np.empty((2, len(names), len(onsets.mu)))

@@ -33,9 +33,10 @@ from fivcore.jit import Array, Complex
 from fivcore.stability.exponents import LARGEST_PHI, pair
 from fivcore.structure import Structure
 
-# Cells of mu, and the shortest to which one is halved, as a share of mu_max; growth that is rounding without
-# damping, as a share of |phi|; modes above FAR times the band's square become BLOCKS for each row.
-CELLS, SHORTEST_CELL, NEUTRAL, FAR, BLOCKS = 96, 1e-6, 1e-7, 40.0, 3
+# Cells of mu, and the shortest to which one is halved, as a share of mu_max; change of a rate that is rounding, as
+# a share of it; growth that is rounding without damping, as a share of |phi|; modes above FAR times the band's
+# square become BLOCKS for each row.
+CELLS, SHORTEST_CELL, FLAT, NEUTRAL, FAR, BLOCKS = 96, 1e-6, 1e-6, 1e-7, 40.0, 3
 # Real shift at which all is inverted.
 SHIFT = 1.3
 
@@ -229,6 +230,8 @@ def crossings(
         if (
             count(low) == place == count(high)
             and rate(low, place) < rate(middle, place) > rate(high, place) > -1.0
+            # A rate that is constant within rounding has no maximum.
+            and rate(middle, place) - min(rate(low, place), rate(high, place)) > FLAT * abs(rate(middle, place))
         ):
             best = minimize_scalar(lambda mu, k=place: -rate(mu, k), bounds=(low, high), method="bounded")
             if -best.fun > 0.0:

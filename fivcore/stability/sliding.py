@@ -173,7 +173,8 @@ def sliding_modes(
         uncoupled[points, roots.shape[1] - len(modes.uncoupled) : roots.shape[1]] = True
     phi, values = omega * values, omega**2 * values
     if any(modes.rayleigh for _, modes, _ in solved):
-        phi = pair(values, rig.d1 + rig.d2 * values)[0]
+        listed = ~np.isnan(values)
+        phi[listed] = pair(values[listed], rig.d1 + rig.d2 * values[listed])[0]
     else:
         values = -(phi**2)
     phi[(phi.imag > omega) | (np.abs(phi) > 2.0 * omega)] = complex(np.nan, np.nan)

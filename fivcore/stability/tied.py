@@ -76,12 +76,8 @@ def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
     checks.instance("rig", rig, Rig)
     angle, bare = checks.theta_degrees(theta), replace(rig, head_mass=0.0)
     highest, lowest = (glued_frequencies(each, angle, 1)[0] for each in (bare, replace(rig, head_mass=HEAVIEST)))
-    target = checks.number(
-        "frequency",
-        frequency,
-        f"above {lowest:.6g} Hz, with a head mass of {HEAVIEST:g} kg, and below {highest:.6g} Hz, without one",
-        lambda x: lowest < x < highest,
-    )
+    allowed = f"above {lowest:.6g} Hz, with a head mass of {HEAVIEST:g} kg, and below {highest:.6g} Hz,"
+    target = checks.number("frequency", frequency, f"{allowed} without one", lambda x: lowest < x < highest)
     square, mass = (2.0 * np.pi * target) ** 2, 0.0
     # If the head mass is many times the beam's, the free translation nearly cancels in the receptance; a second
     # step from the first answer then gives full accuracy.

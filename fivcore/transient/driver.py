@@ -1,4 +1,4 @@
-"""The loop over segments that all methods share, and the result of a run.
+"""The loop over segments that all methods share, what ends it, and the result of a run.
 
 A method has `advance()`, which takes a run to the end of its next segment and leaves samples, rows and long sticks
 in `run.segments`. The driver hands them to a `Record` and an `Observer`, which never change a run, and
@@ -7,7 +7,6 @@ makes the summary at the end.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,21 +17,23 @@ from fivcore.errors import DivergenceError, SceneError
 from fivcore.friction import COULOMB
 from fivcore.jit import Array
 from fivcore.rig import Rig, Scene, html_table
+from fivcore.transient import observe
 from fivcore.transient.exact import ExactRun
+from fivcore.transient.fast.layout import MAX_SKIP
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.fast.several import SeveralRun
-from fivcore.transient.normalised import Normalised, State, energies
-from fivcore.transient.observe import PEAK_BAND, Observer, Record
-from fivcore.transient.options import Run, RunOptions
+from fivcore.transient.fast.steady import NEARLY_STEADY
+from fivcore.transient.normalised import Normalised, State, energies, loading_time
+from fivcore.transient.observe import PEAK_BAND, Observer, Record, degrees_of_freedom, errors_of_means
+from fivcore.transient.options import RunOptions, Until
 from fivcore.transient.published import PaperRun
-from fivcore.transient.summary import summarise
-from fivcore.transient.until import StoppingRule
+from fivcore.transient.stepped import Run
+from fivcore.transient.summary import SLIP_DRIVE, STEADY_SPREAD, summarise
 
-METHODS: dict[str, Callable[[Normalised, RunOptions], Run]] = {
-    "fast": lambda scene, options: (FastRun if not scene.rig.several else SeveralRun)(scene, options),
-    "exact": ExactRun,
-    "paper": PaperRun,
-}
+# Of "fast" with several contacts the last.
+METHODS: dict[str, Any] = {"fast": FastRun, "exact": ExactRun, "paper": PaperRun, "several": SeveralRun}
+# Each check is later than the last by this factor of the time since settling.
+LATER = 1.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +96,59 @@ def _short(value: Any) -> str:
     return f"{len(value)} values" if np.ndim(value) else value if isinstance(value, str) else f"{value:.5g}"
 
 
+class StoppingRule:
+    """Ends a run in time: `satisfied` says whether its shares were certain enough at the last check."""
+
+    def __init__(self, run: Run, until: Until) -> None:
+        self._run, self._until, self.satisfied = run, until, False
+        self._loading_time = loading_time(run.scene)
+        self._stuck = SLIP_DRIVE * self._loading_time + (0.5 * run.options.ramp if run.begun == 0.0 else 0.0)
+        self._plan()
+
+    def _plan(self) -> None:
+        """Let the run go on to the next check, where samples and segments end together."""
+        run, record, grid = self._run, self._run.record, MAX_SKIP / self._run.rate
+        start, time = run.begun, max(self._until.least, self._stuck, grid)
+        if not np.isnan(record["first_slip"][0]):
+            start = float(record["settled_from"][0])
+            time = max(self._until.least / LATER, observe.LOADING_TIMES * self._loading_time, grid / LATER)
+        while start + time <= run.time + 0.5 * grid:
+            time *= LATER
+        run.pause = min(round(np.ceil((start + time) / grid) * grid / run.step), run.steps)
+
+    def check(self, observer: Observer) -> None:
+        """Where the run pauses, end it or let it go on."""
+        run = self._run
+        if run.time < (run.pause - 0.5) * run.step:
+            return
+        before, self.satisfied = self.satisfied, observer.repeated > 0 or self._is_known(observer)
+        moves = not np.isnan(run.record["first_slip"][0])
+        if self.satisfied and (before or not moves):
+            run.steps = run.pause
+        elif run.pause < run.steps:
+            self._plan()
+
+    def _is_known(self, observer: Observer) -> bool:
+        run = self._run
+        if np.isnan(run.record["first_slip"][0]):
+            return bool(run.time - run.begun >= self._stuck)
+        unit = run.scene.rig.time_scale
+        observed = run.time - float(run.record["settled_from"][0])
+        errors = errors_of_means(observer.shares(), degrees_of_freedom(observed / unit, self._loading_time / unit))
+        if errors.any():
+            return bool(np.all(errors <= self._until.standard_error))
+        # Nothing but slip: where a proof that it lasts can still come, a vibration may grow slowly.
+        spread = observer.spread(run.begun + 0.75 * (run.time - run.begun)) / run.scene.speed_per_load
+        return bool(spread < (NEARLY_STEADY if run.may_settle else STEADY_SPREAD))
+
+
 class ObservedRun:
     """One scene under way: its run and its observers."""
 
     def __init__(self, scene: Scene, normalised: Normalised, options: RunOptions) -> None:
         self._scene, resumed, before = scene, options.resumed, options.last_row
-        self.run = resumed.resumed(options) if resumed else METHODS[options.method](normalised, options)
+        made = METHODS["several" if scene.rig.several else options.method]
+        self.run: Run = resumed.resumed(options) if resumed else made(normalised, options)
         # The result does not keep the run that it continues, which would keep the one before.
         self.run.options = replace(options, resumed=None, last_row=None)
         (low, high), unit, begun = PEAK_BAND, scene.rig.time_scale, self.run.begun
@@ -141,12 +189,9 @@ class ObservedRun:
         if self._rule is not None:
             summary["standard_error_reached"] = self._rule.satisfied
         self.run.segments = ()
-        return Transient(
-            self._scene,
-            summary,
-            **self._series.whole(self.run.steps * self.run.step if self._rate else np.inf),
-            final_state=State.end_of(Normalised.of(self._scene), self.run, self._series.last),
-        )
+        series = self._series.whole(self.run.steps * self.run.step if self._rate else np.inf)
+        state = State.end_of(Normalised.of(self._scene), self.run, self._series.last)
+        return Transient(self._scene, summary, **series, final_state=state)
 
 
 def located(error: SceneError, scene: Scene) -> SceneError:

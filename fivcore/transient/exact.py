@@ -15,11 +15,11 @@ Where every mode is kept, the surfaces are rigid: N and T are what keeps the gap
 together. Their law is that of `fivcore.contact.law`: an impact leaves no closing speed, its tangential impulse is
 within the cone; T jumps where slip ends.
 
-Where friction jumps to a kinetic coefficient, a slipping contact sticks only where kinetic friction holds it, and
-a sticking one slips where |T| = mu N, at once at a finite rate. Where friction falls with the speed, the slip rate
-w follows at each instant from the contact's own equation, T = s mu(|w|) N with s = -sign w, by Newton's method to
-rounding. The coefficient of friction in an impact is that at the mean of the slip rates before and after it, as
-in `fast`.
+Where friction jumps to a kinetic coefficient, an impact or a compliant contact that slips ends in stick only where
+kinetic friction holds it, and a sticking contact slips where |T| = mu N, at once at a finite rate. Where friction
+falls with the speed, the slip rate w follows at each instant from the contact's own equation, T = s mu(|w|) N with
+s = -sign w, by Newton's method to rounding. The coefficient of friction in an impact is that at the mean of the
+slip rates before and after it, as in `fast`.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.linalg import matrix_balance
 
 from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.law import DiscreteContact, resistance
@@ -36,10 +37,10 @@ from fivcore.friction import slip_speed
 from fivcore.jit import Array
 from fivcore.transient import exact_kernels as kernels
 from fivcore.transient.exact_kernels import NOTHING, SLIP_DOWN, SLIP_UP, ZERO
-from fivcore.transient.normalised import Normalised, State, residual_gaps
+from fivcore.transient.normalised import Normalised, residual_gaps
 from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import ENERGIES, SAMPLE, SEPARATION, STICK
-from fivcore.transient.stepped import SteppedRun
+from fivcore.transient.stepped import Run
 
 # An event this soon after another is not acted on, s.
 DWELL = 1e-10
@@ -51,20 +52,16 @@ READING_STEP, SEGMENT, SHORT = 1e-6, 0.04, 1e-7
 AT_REST = 1e-9
 
 
-class ExactRun(SteppedRun):
+class ExactRun(Run):
     """One run in progress; `held` counts the events within DWELL of the last one.
 
-    Raises
-    ------
-    SceneValueError
-        Where a contact with a spring has no dashpot, or is rigid and its directions are parallel.
-    ContactError
-        Where the contact force is not unique, or slip grows too fast to be resolved.
+    A contact with a spring and no dashpot is a `SceneValueError`, as is a rigid one with parallel directions; a
+    force that is not unique, or slip that grows too fast to be resolved, a `ContactError`.
     """
 
     READ_AT = 0.5
     # Present status, the time at which it began, and that up to which events are not acted on, s.
-    _which, _origin, _deaf = STICK, 0.0, 0.0
+    which, _origin, _deaf = STICK, 0.0, 0.0
 
     def __init__(self, scene: Normalised, options: RunOptions) -> None:
         model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
@@ -75,8 +72,8 @@ class ExactRun(SteppedRun):
                 f"cutoff = {cutoff:g}: the contact has no dashpot, which method 'exact' needs; use a cutoff that"
                 " leaves out more modes, or method 'fast'"
             )
-        # Change of (N, T) with the rates of the gaps, in rigid contact with their accelerations.
-        self._resistance = resistance(model.W) if self.rigid else model.C
+        # Of a rigid contact, change of (N, T) with the accelerations of the gaps.
+        self._resistance = resistance(model.W) if self.rigid else np.zeros((2, 2))
         # Of a contact that slips, at the lowest speed, over the static coefficient.
         ratio = scene.friction.kinetic_ratio if scene.friction.decay_speed == 0.0 else 1.0
         limit = model.painleve_mu(None) / ratio if ratio > 0.0 else np.inf
@@ -86,19 +83,19 @@ class ExactRun(SteppedRun):
         step = READING_STEP * unit if options.step is None else options.step
         super().__init__(scene, options, step, round(SEGMENT * unit / step), kernels.SCENE)
         self._dwell = dwell = DWELL * unit
-        self._slipping, self._law, self.held = ratio * scene.mu, (scene.mu, *scene.friction.law), 0
+        self.slipping, self._law, self.held = ratio * scene.mu, (scene.mu, *scene.friction.law), 0
         modes = (model.stiffness, model.damping, model.shapes, model.inertia, model.output)
         inverse = model.W if self.rigid else np.linalg.inv(model.C)
-        self._system = (*modes, model.K, model.C, inverse, self._law)
+        self.system = (*modes, model.K, model.C, inverse, self._law)
         n = len(model.stiffness)
-        constant = (*self._system[:-1], (self._slipping, 1.0, 0.0, 0.0))
-        if max(growth(constant, 2 * n + 6, which) for which in (SLIP_UP, SLIP_DOWN)) * dwell > MOST_GROWTH:
+        constant = (*self.system[:-1], (self.slipping, 1.0, 0.0, 0.0))
+        if any(grows(constant, 2 * n + 2, which, MOST_GROWTH / dwell) for which in (SLIP_UP, SLIP_DOWN)):
             raise ContactError(
                 f"{not_unique(scene.mu, limit)}, and so close to it slip grows by more"
                 f" than e^{MOST_GROWTH:g} within {dwell:g} s, which is not resolved"
             )
         # z, time, next step and index of the next reading.
-        self._motion = np.concatenate([np.zeros(2 * n + 6), [0.0, step, 0.0]])
+        self.motion = np.concatenate([np.zeros(2 * n + 6), [0.0, step, 0.0]])
         # The full state is (q, v, u_N, u_T), q as deviations from `ReducedModel.static_equilibrium`.
         initial, y = options.initial, np.zeros(2 * n + 2)
         self._gaps_at_rest = np.zeros(2) if self.rigid else np.linalg.solve(model.K, [1.0, 0.0])
@@ -108,19 +105,20 @@ class ExactRun(SteppedRun):
             if not self.rigid:
                 y[2 * n :] = residual_gaps(scene, model.kept, initial) - self._gaps_at_rest
         # In a ramp of 10 ns the acceleration is so large that the motion would be lost in its rounding.
-        self._ramp = options.ramp if options.ramp >= SHORT * unit else 0.0
-        if initial is not None and initial.running:
-            self._ramp = 0.0
-        elif self._ramp == 0.0:
+        starts = initial is None or not initial.running
+        self._ramp = options.ramp if starts and options.ramp >= SHORT * unit else 0.0
+        if starts and self._ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(y)
-        # Rigid surfaces may start with any rates: an impact corrects them, and does nothing to surfaces at rest.
-        self._decide(0.0, y, options.contact, touchdown=self.rigid and options.contact != SEPARATION)
+        # Rigid surfaces may start with any rates, which an impact corrects. In steps of `fast` surfaces that stick
+        # have rates, too, but no impact follows.
+        touchdown = self.rigid and options.contact != SEPARATION and (starts or options.contact != STICK)
+        self._decide(0.0, y, options.contact, touchdown=touchdown)
 
     def state(self) -> tuple[Array, Array, Array]:
         """Displacements from rest and velocities of the modes, and the gaps of the others."""
         n = len(self.model.stiffness)
-        q, v, u = np.split(self._motion[: 2 * n + 2].copy(), [n, 2 * n])
+        q, v, u = np.split(self.motion[: 2 * n + 2].copy(), [n, 2 * n])
         return q, v, u + self._gaps_at_rest
 
     def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
@@ -129,41 +127,39 @@ class ExactRun(SteppedRun):
 
     def _go(self, goal: float, samples: Array, rows: Array, sticks: Array) -> None:
         """Follow the motion up to the time `goal`."""
-        while (t := float(self._motion[-3])) < goal:
+        while (t := float(self.motion[-3])) < goal:
             boundary, acceleration = self._drive(t)
-            before = self._motion[-7:-3].copy()
-            deaf, drive = (
-                self._deaf > t,
-                np.array([0.0, 0.0 if acceleration else self._clamp_velocity(t), acceleration]),
-            )
+            before = self.motion[-7:-3].copy()
+            drive = np.array([0.0, 0.0 if acceleration else self._clamp_velocity(t), acceleration])
+            deaf = self._deaf > t
             end = min(goal, boundary, self._deaf if deaf else goal)
             event = kernels.follow(
-                self._motion, self._which, self._origin, end, not deaf, self._system, drive, self._zeros,
+                self.motion, self.which, self._origin, end, not deaf, self.system, drive, self.zeros,
                 self.step, self.record, samples, rows, sticks,
             )  # fmt: skip
-            t, y = float(self._motion[-3]), self._motion[:-7].copy()
-            for name, gained in zip(ENERGIES, self._motion[-7:-3] - before, strict=False):
+            t, y = float(self.motion[-3]), self.motion[:-7].copy()
+            for name, gained in zip(ENERGIES, self.motion[-7:-3] - before, strict=False):
                 self.record[name] += gained
             if event > NOTHING and t - self._origin < self._dwell:
                 self._deaf = self._origin + self._dwell
                 self.held += 1
             elif event > NOTHING:
-                self._next_status(t, event, y)
-            elif event == kernels.NO_STEP and (self._which < SLIP_UP or self.scene.friction.constant):
+                self.next_status(t, event, y)
+            elif event == kernels.NO_STEP and (self.which < SLIP_UP or self.scene.friction.constant):
                 raise DivergenceError(f"the motion has blown up at t = {t:.6g} s")
             elif event < NOTHING:
-                self._check(float(self._motion[-2]), 0.0)
+                self.check(float(self.motion[-2]), 0.0)
             elif t == self._deaf or (self.rigid and t == self._ramp):
-                self._decide(t, y, self._which)
+                self._decide(t, y, self.which)
 
-    def _enter(self, t: float, which: int, y: Array) -> None:
+    def enter(self, t: float, which: int, y: Array) -> None:
         """Begin a contact status at time `t` in the full state `y`."""
         model, (q, v, u) = self.model, np.split(y, [len(self.model.stiffness), 2 * len(self.model.stiffness)])
         if not np.isfinite(y).all():
             raise DivergenceError(f"the motion has blown up at t = {t:.6g} s")
         if which == STICK and not self.rigid:
-            (N, _), C, law = self._sticking_force(t, y), model.C, self.scene.friction
-            self._check(N, C[1, 1] - self.scene.mu * (abs(C[0, 1]) - law.slope(0.0) * N))
+            (N, _), C, law = self._forces(t, y, STICK), model.C, self.scene.friction
+            self.check(N, C[1, 1] - self.scene.mu * (abs(C[0, 1]) - law.slope(0.0) * N))
         omega = np.sqrt(np.where(model.stiffness > 0.0, model.stiffness, model.stiffness.max()))
         # Root of the energy; at rest, that of the fastest mode under a unit force.
         energy = np.sum(v**2 + model.stiffness * q**2) + u @ model.K @ u
@@ -172,26 +168,26 @@ class ExactRun(SteppedRun):
         gap = np.abs(model.normal * q).sum() + abs(u[0]) + 1e-300
         springs = np.ones(2) if self.rigid else np.diag(model.K) ** -0.5
         margins = np.array([10.0, 10.0 * speed, 0.1 * gap])
-        self._zeros = ZERO * np.concatenate([margins, size / omega, size + 0.0 * v, size * springs, 4 * [size**2]])
-        self._which, self._origin, self._deaf = which, t, 0.0
-        self._motion[:-7], self._motion[-3] = y, t
+        self.zeros = ZERO * np.concatenate([margins, size / omega, size + 0.0 * v, size * springs, 4 * [size**2]])
+        self.which, self._origin, self._deaf = which, t, 0.0
+        self.motion[:-7], self.motion[-3] = y, t
 
-    def _next_status(self, t: float, event: int, y: Array) -> None:
+    def next_status(self, t: float, event: int, y: Array) -> None:
         """Enter the status that follows the event that ends the present one; in contact event 0 is N = 0."""
-        which = self._which
+        which = self.which
         if which == SEPARATION:
             self._decide(t, y, which, touchdown=True)
         elif event == 0:
-            self._enter(t, SEPARATION, y)
-        elif self._slipping < self.scene.mu and not (self.rigid and which >= SLIP_UP):
+            self.enter(t, SEPARATION, y)
+        elif self.slipping < self.scene.mu and not (self.rigid and which >= SLIP_UP):
             # T jumps as slip begins, and is well within the cone where it ends.
             self._decide(t, y, SLIP_UP if which == STICK else STICK, even=True)
         elif which == STICK:
-            self._enter(t, SLIP_UP if event == 1 else SLIP_DOWN, y)
+            self.enter(t, SLIP_UP if event == 1 else SLIP_DOWN, y)
         elif self.rigid:
             self._decide(t, y, which, even=True)
         else:
-            self._enter(t, STICK, y)
+            self.enter(t, STICK, y)
 
     def _decide(self, t: float, y: Array, was: int, touchdown: bool = False, even: bool = False) -> None:
         """Enter the status that the state alone demands (`fivcore.contact.law`).
@@ -200,29 +196,29 @@ class ExactRun(SteppedRun):
         """
         g_N, energy = self.model.normal @ y[: len(self.model.stiffness)], self._energy_of(y)
         if was == SEPARATION and g_N + y[-2] > 0.0 and not touchdown:
-            self._enter(t, SEPARATION, y)
+            self.enter(t, SEPARATION, y)
             return
         slip_rate = 0.0
         if self.rigid:
             opens, slip_rate = self._close(t, y, SEPARATION if touchdown else was, even)
             self.record["impact"] += energy - self._energy_of(y)
             if opens:
-                self._enter(t, SEPARATION, y)
+                self.enter(t, SEPARATION, y)
                 return
-        N, T = self._sticking_force(t, y)
+        N, T = self._forces(t, y, STICK)
         up = slip_rate < 0.0 if slip_rate else T > 0.0
-        # A slipping contact sticks only where kinetic friction holds it.
-        most = self.scene.mu if was == STICK else self._slipping
+        # Rigid surfaces without a slip rate stick, but a compliant contact only where kinetic friction holds it.
+        most = self.scene.mu if was == STICK or self.rigid else self.slipping
         sticks = slip_rate == 0.0 and N > 0.0 and abs(T) <= most * N
-        if not sticks and self._slipping_force(N, T, up, slip_rate) <= 0.0:
-            self._enter(t, SEPARATION, y)
+        which = STICK if sticks else SLIP_UP if up else SLIP_DOWN
+        if not sticks and self._forces(t, y, which)[0] <= 0.0:
+            self.enter(t, SEPARATION, y)
             return
         if not self.rigid:
             # Contact is entered with a u_N of its own, which is not yet that of the gap.
             y[-2] = -g_N
             self.record["impact"] += energy - self._energy_of(y)
-        which = STICK if sticks else SLIP_UP if up else SLIP_DOWN
-        self._enter(t, which, y)
+        self.enter(t, which, y)
 
     def _close(self, t: float, y: Array, was: int, even: bool) -> tuple[bool, float]:
         """Close the gap of rigid surfaces in the state `y`; return whether they part, and the slip rate."""
@@ -230,12 +226,12 @@ class ExactRun(SteppedRun):
         parts, W = model.shapes * v, model.W
         rates, zero = parts.sum(axis=1) - [0.0, P], AT_REST * np.add(np.abs(parts).sum(axis=1), [0.0, P])
         q -= model.normal * (model.normal @ q / W[0, 0])
-        impulse = np.array([-rates[0] / W[0, 0], 0.0])
+        impulse = -self._resistance @ rates if was == STICK else np.array([-rates[0] / W[0, 0], 0.0])
         if was == SEPARATION:
             if rates[0] > zero[0]:
                 return True, 0.0
             N, T = -self._resistance @ rates
-            m = self._impact_mu(rates, T > 0.0)
+            m = self.impact_mu(rates, T > 0.0)
             even = abs(T) <= m * N
             N = N if even else slipping_force(N, T, m if T > 0.0 else -m, self._resistance)
             impulse = np.array([N, T if even else np.copysign(m * N, T)])
@@ -245,25 +241,14 @@ class ExactRun(SteppedRun):
         past = was >= SLIP_UP and (slip_rate > 0.0) == (was == SLIP_UP)
         return False, 0.0 if even or past or was == STICK or abs(slip_rate) <= zero[1] else slip_rate
 
-    def _sticking_force(self, t: float, y: Array) -> Array:
-        """(N, T) of a contact that sticks in the full state `y`."""
-        (q, v), model = np.split(y[:-2], 2), self.model
-        if self.rigid:
-            acceleration = self._drive(t)[1]
-            free = model.inertia * acceleration - model.damping * v - model.stiffness * q
-            return np.asarray(self._resistance @ ([0.0, acceleration] - model.shapes @ free) + [1.0, 0.0])
-        rates = np.array([0.0, self._clamp_velocity(t)]) - model.shapes @ v
-        return np.asarray(model.K @ np.array([-(model.normal @ q), y[-1]]) + model.C @ rates + [1.0, 0.0])
+    def _forces(self, t: float, y: Array, which: int) -> tuple[float, float]:
+        """N and T of a closed contact in a status and the full state `y`."""
+        z, drive = np.pad(y, (0, 4)), np.array([0.0, self._clamp_velocity(t), self._drive(t)[1]])
+        z[-6] = -(self.model.normal @ y[: len(self.model.normal)])
+        N, T, *_ = kernels.rates_of(z, which, self.system, drive, np.empty_like(z))
+        return N, T
 
-    def _slipping_force(self, N: float, T: float, up: bool, slip_rate: float) -> float:
-        """N in slip with T > 0 (`up`) or T < 0, from (N, T) in stick."""
-        sense = 1.0 if up else -1.0
-        if self.rigid:
-            m = sense * self.scene.mu * self.scene.friction.ratio(slip_rate)
-            return slipping_force(N, T, m, self._resistance)
-        return float(N - sense * self.model.C[0, 1] * kernels.sliding(N, T, self.model.C, self._law, sense)[0])
-
-    def _check(self, N: float, slack: float) -> None:
+    def check(self, N: float, slack: float) -> None:
         """Raise an error where the slip rate is not unique: T - s mu N does not rise with u_T'."""
         if not slack > 0.0:
             scene, C, law = self.scene, self.model.C, self.scene.friction
@@ -273,8 +258,11 @@ class ExactRun(SteppedRun):
                 f" N = {N * scene.load:.3g} N; it must be above {least * scene.load:.3g} m/s, or 0 for a jump"
             )
 
-    def _impact_mu(self, rates: Array, up: bool) -> float:
+    def impact_mu(self, rates: Array, up: bool) -> float:
         """Coefficient of friction in an impact with T > 0 (`up`) or T < 0, from the gaps' rates before it."""
+        if self.scene.friction.constant:
+            # As where slip ends: kinetic friction has to hold what sticks.
+            return self.slipping
         sense, law = 1.0 if up else -1.0, DiscreteContact(np.zeros((2, 2)), 0.0, 0.5 * self.model.W, 1.0).slip
         alpha, (mu, *fall) = -0.5 * rates[0], self._law
         ahead = -sense * (rates[1] + law.rate_N / law.beta * alpha)
@@ -287,8 +275,7 @@ class ExactRun(SteppedRun):
         return (min(self._ramp, end), self.scene.speed_per_load / self._ramp) if t < self._ramp else (end, 0.0)
 
     def _clamp_velocity(self, t: float) -> float:
-        ramp = self._ramp
-        return self.scene.speed_per_load * (t / ramp if t < ramp else 1.0)
+        return self.scene.speed_per_load * (t / self._ramp if t < self._ramp else 1.0)
 
     def _energy_of(self, y: Array) -> float:
         model, n = self.model, len(self.model.stiffness)
@@ -297,22 +284,22 @@ class ExactRun(SteppedRun):
 
     def stored_energy(self) -> float:
         """Energy of the modes about the equilibrium, the springs and the load, normalised."""
-        return self._energy_of(self._motion[:-7])
+        return self._energy_of(self.motion[:-7])
 
     def flush(self, floor: float) -> bool:
         """Set what is below `floor` to zero; False where the state is not finite."""
-        y = self._motion[:-7]
+        y = self.motion[:-7]
         y[np.abs(y) < floor] = 0.0
         return bool(np.isfinite(y).all())
 
 
 @one_blas_thread()
-def growth(system: Any, size: int, which: int) -> float:
-    """Largest growth rate of a contact status, 1/s, of motion so small that friction is linear in it."""
-    drive, columns = np.zeros(3), np.empty((size + 1, size))
-    for k, z in enumerate(np.vstack([np.zeros(size), np.eye(size)])):
-        kernels.rates_of(z, which, system, drive, columns[k])
-    return float(np.linalg.eigvals((columns[1:] - columns[0]).T[: size - 4, : size - 4]).real.max())
+def grows(system: Any, size: int, which: int, rate: float) -> bool:
+    """Whether a status' motion, so small that friction is linear in it, grows faster than a rate, 1/s."""
+    law = kernels.affine_law(np.zeros(size + 1), 1.0, np.ones(size), which, system, np.zeros(3))
+    matrix: Array = matrix_balance(law[kernels.RATES :, :-1], permute=False)[0]
+    # No eigenvalue is larger than a norm.
+    return bool(np.abs(matrix).sum(axis=1).max() > rate and np.linalg.eigvals(matrix).real.max() > rate)
 
 
 def slipping_force(N: float, T: float, m: float, resistance: Array) -> float:
@@ -320,27 +307,19 @@ def slipping_force(N: float, T: float, m: float, resistance: Array) -> float:
     return float(N - resistance[0, 1] * ((T - m * N) / (resistance[1, 1] - m * resistance[0, 1])))
 
 
-def states_at(
-    scene: Normalised,
-    times: Array,
-    *,
-    ramp: float,
-    cutoff: float | None = None,
-    initial: State | None = None,
-    step: float | None = None,
-) -> Array:
+def states_at(scene: Normalised, times: Array, *, step: float | None = None, **given: Any) -> Array:
     """Exact motion at ascending `times` (m,), s; the others are options, without a step as few as possible.
 
     Returns modal displacements, modal velocities, those of P2 relative to its clamp, and (u_N, u_T),
     (m, 2n + 2); displacements are deviations from those under the load alone; normalised (F = 1).
     """
     end = float(times[-1]) + DWELL
-    options = RunOptions(duration=end, method="exact", ramp=ramp, cutoff=cutoff, initial=initial, step=step or end)
+    options = RunOptions(duration=end, method="exact", step=step or end, **given)
     run = ExactRun(scene, options)
     # Nothing is kept but the states.
     run.record["sample_every"], run.record["stick_room"] = np.iinfo(np.int64).max, 0
     states, nowhere = [], (np.empty((1, SAMPLE)), np.empty((1, 6)), np.empty((1, 2)))
     for t in times:
         run._go(float(t), *nowhere)
-        states.append(run._motion[:-7].copy())
+        states.append(run.motion[:-7].copy())
     return np.stack(states)

@@ -25,6 +25,8 @@ _WHOLE = ("contact", "now", "sample_every", "row_every", "samples", "rows")
 SCENE = np.dtype([*FIELDS, *((name, "i8") for name in _WHOLE)])
 # Slip with T = mu N and with T = -mu N; the other statuses have the numbers of `fivcore.transient.statistics`.
 SLIP_UP, SLIP_DOWN = 2, 3
+# Rows of a law: forces, slip rate and gap; the rates of the state follow.
+N, T, SLIP_RATE, GAP, RATES = range(5)
 # Results of `follow` besides a margin's number: no event; the slip rate is not unique; no step is short enough.
 NOTHING, NOT_UNIQUE, NO_STEP = -1, -2, -3
 # The method of order 8 of Dormand and Prince, with errors of order 5 and 3 (Hairer, Norsett and Wanner, Solving
@@ -66,9 +68,7 @@ def sliding(N: float, T: float, C: Any, law: Any, sense: float) -> tuple[float, 
 
 
 @reordered_call
-def rates(
-    t: float, z: Any, which: int, system: Any, drive: Any, out: Any
-) -> tuple[float, float, float, float, float]:
+def rates(t: float, z: Any, which: int, system: Any, drive: Any, out: Any) -> Any:
     """Write the rates of z in a contact status; return N, T, slip rate, gap, and slack as `sliding`."""
     stiffness, damping, shapes, inertia, _, K, C, inverse, law = system
     n, acceleration = len(stiffness), drive[2]
@@ -117,9 +117,31 @@ def rates(
 
 
 @kernel
-def rates_of(z: Any, which: int, system: Any, drive: Any, out: Any) -> None:
-    """Write the rates of z at time 0."""
-    rates(0.0, z, which, system, drive, out)
+def affine_law(z: Any, h: float, units: Any, which: int, system: Any, drive: Any) -> Any:
+    """Rows of a law about z by differences over 2 h, (4 + m, m + 1): times z, its values there."""
+    m = len(units)
+    rows, y, out, values = np.zeros((RATES + m, m + 1)), np.zeros(m + 4), np.empty(m + 4), np.empty(RATES + m)
+    y[:m] = z[:m] / units
+    for j in range(m + 1):
+        for sense in (1.0, -1.0):
+            if j < m:
+                y[j] = (z[j] + sense * h) / units[j]
+            values[:4] = rates(0.0, y, which, system, drive, out)[:4]
+            values[4:] = units * out[:m]
+            rows[:, j] += (sense if j < m else 1.0) * values
+        if j < m:
+            y[j] = z[j] / units[j]
+            rows[:, j] /= 2.0 * h
+    rows[:, m] *= 0.5
+    for j in range(m):
+        rows[:, m] -= rows[:, j] * z[j]
+    return rows
+
+
+@kernel
+def rates_of(z: Any, which: int, system: Any, drive: Any, out: Any) -> Any:
+    """Write the rates of z at time 0; return what `rates` does."""
+    return rates(0.0, z, which, system, drive, out)
 
 
 @inlined
@@ -221,16 +243,31 @@ def follow(
     n, scene, z, mu, contact = (m - 6) // 2, scenes[0], motion[:m], system[8][0], min(which, SLIP)
     stages, new, trial, spare = np.empty((13, m)), np.empty(m), np.empty(m), np.empty(m)
     t, h, i, event = motion[m], motion[m + 1], int(motion[m + 2]), NOTHING
-    arrive(scene, contact, origin, sticks)
+    # The first slip begins the statistics anew.
+    was, scene.contact = scene.contact, contact
+    if contact != was:
+        if enter(scene, was, contact, origin):
+            sticks[scene.sticks - 1] = (scene.last_stick, origin)
+        if origin < scene.settled_from:
+            clear(scene)
     values = rates(t, z, which, system, drive, stages[0])
     while True:
         middle = (i + 0.5) * step
         if t >= middle:
-            if wanted(scene, i, step):
-                velocity = 0.0
+            settled, sampled = middle >= scene.settled_from, i % scene.sample_every == 0
+            written, velocity = scene.row_every > 0 and i % scene.row_every == 0, 0.0
+            if sampled or written:
                 for j in range(n):
                     velocity += system[4][j] * z[n + j]
-                write(scene, contact, i, step, (velocity, values[0], values[1], values[2]), samples, rows)
+            if settled:
+                count_step(scene, contact, values[0], abs(values[2]), step)
+            if sampled:
+                counters = scene.stick_time, scene.separation_time, scene.sum_N, scene.switches
+                samples[scene.samples] = (velocity, values[2], values[0], *counters)
+                scene.samples += 1
+            if written:
+                rows[scene.rows] = (middle, velocity, values[0], values[1], values[2], float(contact))
+                scene.rows += 1
             i += 1
             continue
         if t >= end or event != NOTHING:
@@ -282,38 +319,3 @@ def follow(
         z[:], values, stages[0] = new, after, stages[12]
     motion[m], motion[m + 1], motion[m + 2] = t, h, i
     return event
-
-
-@inlined
-def arrive(scene: Any, contact: int, origin: float, sticks: Any) -> None:
-    """Count a change of the contact state; the first slip begins the statistics anew."""
-    was, scene.contact = scene.contact, contact
-    if contact != was:
-        if enter(scene, was, contact, origin):
-            sticks[scene.sticks - 1] = (scene.last_stick, origin)
-        if origin < scene.settled_from:
-            clear(scene)
-
-
-@inlined
-def wanted(scene: Any, i: int, step: float) -> bool:
-    """Whether anything is read in the middle of step i."""
-    written = scene.row_every > 0 and i % scene.row_every == 0
-    return (i + 0.5) * step >= scene.settled_from or i % scene.sample_every == 0 or written
-
-
-@inlined
-def write(scene: Any, contact: int, i: int, step: float, signals: Any, samples: Any, rows: Any) -> None:
-    """Add velocity of B, N, T and slip rate in the middle of step i to statistics and series."""
-    velocity, N, T, speed = signals
-    t = (i + 0.5) * step
-    if t >= scene.settled_from:
-        count_step(scene, contact, N, abs(speed), step)
-    if i % scene.sample_every == 0:
-        samples[scene.samples] = (
-            velocity, speed, N, scene.stick_time, scene.separation_time, scene.sum_N, scene.switches
-        )  # fmt: skip
-        scene.samples += 1
-    if scene.row_every > 0 and i % scene.row_every == 0:
-        rows[scene.rows] = (t, velocity, N, T, speed, float(contact))
-        scene.rows += 1

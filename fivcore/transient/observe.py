@@ -292,8 +292,6 @@ class Observer:
         self._keep(times, np.broadcast_to(sample, (here, len(sample))))
         self.repeated, self._filled, self._sample = count, count - unsettled - here, np.r_[t, sample[:3]]
 
-    # Spectra and correlation of the velocity of B.
-
     def _spectrum(self, stuck: bool) -> Spectrum:
         t, velocity = self.kept[:SLIP_RATE]
         edges = np.searchsorted(t, self.sticks).ravel()
@@ -321,15 +319,13 @@ class Observer:
 
     @cached_property
     def correlation(self) -> Correlation:
-        """Of the whole signal."""
+        """Autocorrelation of the velocity of B, in and outside of long sticks."""
         return Correlation(np.split(self.kept[VELOCITY], self._cuts), self.rate, self.band, self._filled)
 
     def periodicity(self, frequency: float) -> float:
         """Autocorrelation after 20 periods of a frequency, Hz: the largest within half a period of there."""
         period = self.rate / frequency
         return self.correlation.near(20.0 * period, 0.5 * period)
-
-    # Amplitudes.
 
     @cached_property
     def rms(self) -> float:
@@ -370,8 +366,6 @@ class Observer:
         low, high = (np.clip(at, 0, len(largest) - 1) for at in (places, places - self._filled))
         one, next_one = np.clip(other, largest[low], largest[high])
         return float(one + (place % 1.0) * (next_one - one))
-
-    # Blocks.
 
     def by_block(self, row: int) -> Array:
         """The samples of all complete blocks, (n, MEANS_BLOCK); the next sample completes one."""
@@ -419,19 +413,9 @@ def observed(signal: Array, rate: float, quiet: Array, band: tuple[float, float]
 
 
 def errors_of_means(values: Array, degrees: int) -> Array:
-    """Standard error of the mean of each column.
+    """Standard errors (m,) of the means of successive `values` (n, m); the estimator has `degrees` of freedom.
 
-    Parameters
-    ----------
-    values : ndarray, (n, m)
-        Successive values.
-    degrees : int
-        Degrees of freedom of the equal-weighted cosine (EWC) long-run variance estimator.
-
-    Returns
-    -------
-    ndarray, (m,)
-        NaN where there are fewer than 2 `degrees` values.
+    NaN where there are fewer than 2 `degrees` values.
     """
     n = len(values)
     if not 0 < 2 * degrees <= n:

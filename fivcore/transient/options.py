@@ -1,10 +1,10 @@
-"""Options of a run, checked once and frozen; and what a method's run offers to those who use it."""
+"""Options of a run, checked once and frozen."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +12,10 @@ from fivcore import checks
 from fivcore.contact.reduced import INTERVAL, Modify, ReducedModel, modified, reduced_model
 from fivcore.errors import InputError
 from fivcore.jit import Array
-from fivcore.rig import Rig, Scene
+from fivcore.rig import Rig, Scene, one_contact
 from fivcore.structure import modal_structure
 from fivcore.transient.normalised import Normalised, State, loading_time
-from fivcore.transient.statistics import SERIES, SETTLING, STICK, Segment, begin
+from fivcore.transient.statistics import SERIES, SETTLING, STICK, begin
 
 BOUNDS = {
     "settle": (0.0, 1e6, "s"),
@@ -224,8 +224,8 @@ class RunOptions(Options):
     sample_rate: float | None = DEFAULT_RATE
     sample_times: Array | None = None
     until: Until | None = None
-    # The run that goes on, where `initial` is its end, and its last row.
-    resumed: Run | None = None
+    # The run that goes on (`stepped.Run`), where `initial` is its end, and its last row.
+    resumed: Any = None
     last_row: Array | None = None
 
     def __post_init__(self) -> None:
@@ -255,65 +255,12 @@ class RunOptions(Options):
         return (whole, None) if abs(steps / whole - 1.0) < 1e-9 else (1, self.sample_rate)
 
 
-class Run(Protocol):
-    """A method's run under way, normalised (F = 1)."""
-
-    scene: Normalised
-    options: RunOptions
-    # Time step and start, s; rate of samples, Hz; steps at the end, and those that the next segment does not pass.
-    step: float
-    begun: float
-    rate: float
-    steps: int
-    pause: int
-    # Counters (1,) (`transient.statistics`), segments, and whether steady sliding may still be proved.
-    record: Any
-    segments: Iterable[Segment]
-    may_settle: bool
-
-    @property
-    def model(self) -> ReducedModel:
-        """The model in use."""
-
-    @property
-    def models(self) -> list[tuple[float | None, ReducedModel]]:
-        """All models of the run, each with the cut-off asked for."""
-
-    @property
-    def growing(self) -> Array:
-        """Frequencies of growing motions about steady sliding, Hz, where the method asks for them."""
-
-    @property
-    def time(self) -> float:
-        """Time up to which the run has come, s."""
-
-    @property
-    def done(self) -> bool:
-        """Whether the run has come to its end."""
-
-    def advance(self) -> None:
-        """Go on to the end of the next segment and leave in `segments` what happened there."""
-
-    def resumed(self, options: RunOptions) -> Run:
-        """Return a run that continues this one after its end."""
-
-    def stored_energy(self) -> float:
-        """Energy of modes, springs and load."""
-
-    def released_energy(self) -> float:
-        """Decrease of the stored energy since the start."""
-
-    def flush(self, floor: float) -> bool:
-        """Set what is below a floor to zero; False where a number is not finite."""
-
-
 def run_options(scene: Scene, normalised: Normalised, duration: Any, options: Options) -> RunOptions:
     """Check options for a scene; a `ValueError` names the first that does not suit it."""
     until = duration if isinstance(duration, Until) else None
     duration = checks.between("duration", until.most if until else duration, *DURATION)
-    if scene.rig.several and options.method != "fast":
-        what = "goes from one contact's event to the next" if options.method == "exact" else "has one contact"
-        raise InputError(f"method = {options.method!r}: it {what}; with several contacts use 'fast'")
+    if options.method != "fast":
+        one_contact(scene.rig, f"method {options.method!r} moves one contact; use 'fast'")
     rate, times = options.sample_rate, options.sample_times
     rate = DEFAULT_RATE / scene.rig.time_scale if isinstance(rate, str) else rate
     if options.record and times is None and rate is not None and duration * rate > 1e8:
@@ -351,7 +298,7 @@ def _names(record: Any) -> tuple[str, ...]:
     return tuple(name for name in SERIES if name in names)
 
 
-def _continued(initial: State, normalised: Normalised, options: dict[str, Any]) -> Run | None:
+def _continued(initial: State, normalised: Normalised, options: dict[str, Any]) -> Any:
     """Return the run that ended in `initial` if it had the same scene, method and model, else None.
 
     Functions that modify a model are the same if the models that they make now are equal to those of the run.
@@ -362,13 +309,9 @@ def _continued(initial: State, normalised: Normalised, options: dict[str, Any]) 
         return None
     if modify is run.options.modify is None:
         return run
-    rig, theta = run.scene.rig, run.scene.theta
+    rig, theta, parts = run.scene.rig, run.scene.theta, [each.name for each in fields(ReducedModel)]
     models = [(modified(reduced_model(rig, theta, cutoff), modify), model) for cutoff, model in run.models]
-    same = all(
-        np.array_equal(getattr(one, each.name), getattr(other, each.name))
-        for one, other in models
-        for each in fields(ReducedModel)
-    )
+    same = all(np.array_equal(getattr(a, part), getattr(b, part)) for a, b in models for part in parts)
     return run if same else None
 
 
@@ -396,12 +339,9 @@ def _state(given: State, scene: Scene, normalised: Normalised) -> State:
     band = modal_structure(scene.rig, scene.theta)
     own, fewer = band.motion, len(band.frequency)
     modes = len(own.frequency)
+    shapes = {(modes,), (modes + own.static,), (fewer,)}
     for name, part in (("displacements", q), ("velocities", v)):
-        if (
-            part.shape not in {(modes,), (modes + own.static,), (fewer,)}
-            or part.dtype.kind not in "iuf"
-            or not np.all(np.abs(part) < 1e50)
-        ):
+        if part.shape not in shapes or part.dtype.kind not in "iuf" or not np.all(np.abs(part) < 1e50):
             text = f"initial: modal {name} of shape {part.shape}: they must be {modes} finite numbers below 1e50"
             raise InputError(text)
     if not isinstance(contact, (int, np.integer)) or isinstance(contact, bool) or contact not in (0, 1, 2):

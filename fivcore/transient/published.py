@@ -33,7 +33,7 @@ from fivcore.structure import modal_structure
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, clear, count_step, enter, first_counted
-from fivcore.transient.stepped import SteppedRun
+from fivcore.transient.stepped import Run
 
 # Section 3.3 of the paper: time step, beta2 and the relaxation time of the friction law.
 PAPER_STEP, BETA2, TAU = 2e-8, 0.8, 1e-7
@@ -96,7 +96,7 @@ def largest_step(stiffness: Array, damping: Array, beta2: float) -> float:
     return (damped + float(np.sqrt(0.5 * beta2 + damped**2))) / (0.5 * beta2 * omega)
 
 
-class PaperRun(SteppedRun):
+class PaperRun(Run):
     """One run in progress."""
 
     def __init__(self, scene: Normalised, options: RunOptions) -> None:
@@ -246,14 +246,12 @@ def published_contact(scene: Any, gN: float, gT: float) -> Any:
         return STICK, N, T
     m = scene.kinetic if T > 0.0 else -scene.kinetic
     if scene.falls != 0:
-        # With y = m N: N = (alpha + gamma y) / beta, and the slip rate is free + mobility y.
+        # With y = m N: N = (alpha + gamma y) / beta, and the slip rate is -way ahead + mobility y.
         law, way, share = (scene.law[0], scene.law[1], scene.law[2]), 1.0 if T > 0.0 else -1.0, r / (1.0 + r)
         alpha, beta, gamma = -gN - WNT * last_T / (1.0 + r), WNN, -WNT * share
-        free = (back + WNT * alpha / beta + WTT * last_T / (1.0 + r)) / scene.dt
+        ahead = -way * (back + WNT * alpha / beta + WTT * last_T / (1.0 + r)) / scene.dt
         mobility = (WNT * gamma / beta + WTT * share) / scene.dt
-        _, ratio = slip_speed(
-            -way * scene.slip_rate, -way * free, mobility, alpha, beta, way * gamma, scene.mu, law
-        )
+        _, ratio = slip_speed(-way * scene.slip_rate, ahead, mobility, alpha, beta, way * gamma, scene.mu, law)
         m = way * scene.mu * ratio
     N = (-gN - WNT * last_T / (1.0 + r)) / (WNN + m * WNT * r / (1.0 + r))
     if N <= 0.0:
@@ -291,8 +289,7 @@ def advance(
         if contact != was:
             if enter(scene, was, contact, t):
                 sticks[scene.sticks - 1] = (scene.last_stick, t)
-            if scene.settled_from < np.inf:
-                scene.settle = first_counted(scene.settled_from, dt, 1.0)
+            scene.settle = first_counted(scene.settled_from, dt, 1.0)
         scene.work += dt * T * (V * t / ramp if t < ramp else V)
         scene.friction -= dt * T * slip_rate
         sampled = now % scene.sample_every == 0
@@ -302,9 +299,8 @@ def advance(
             for j in range(n):
                 x += output[j] * (vs[j] + b * dt * (a[j] + (normal[j] * N + tangential[j] * T) * inverse[j]))
             if sampled:
-                samples[scene.samples] = (
-                    x, slip_rate, N, scene.stick_time, scene.separation_time, scene.sum_N, scene.switches
-                )  # fmt: skip
+                counters = scene.stick_time, scene.separation_time, scene.sum_N, scene.switches
+                samples[scene.samples] = (x, slip_rate, N, *counters)
                 scene.samples += 1
             if written:
                 rows[scene.rows] = (t, x, N, T, slip_rate, float(contact))

@@ -9,19 +9,9 @@ from warnings import warn
 
 import numpy as np
 
-from fivcore import checks
+from fivcore import checks, errors
 from fivcore.contact.reduced import full_model, modified, reduced_model
-from fivcore.errors import (
-    BAND,
-    FIXED,
-    ContactError,
-    FixedContactWarning,
-    InputError,
-    OutOfBandWarning,
-    SceneError,
-    fixed_contact,
-    out_of_band,
-)
+from fivcore.errors import ContactError, FixedContactWarning, InputError, OutOfBandWarning, SceneError
 from fivcore.jit import Array
 from fivcore.rig import ContactModel, Rig, Scene, checked_theta, one_contact
 from fivcore.stability.several import exponents_at
@@ -80,11 +70,14 @@ def simulate(
         raise result
     length = scene.rig.p2.length if isinstance(scene.rig, Rig) else np.inf
     moved = abs(scene.V) * result.summary["simulated_time"] / length
-    if moved > FIXED:
-        warn(fixed_contact(moved), FixedContactWarning, stacklevel=2)
+    if moved > errors.FIXED:
+        warn(errors.fixed_contact(moved), FixedContactWarning, stacklevel=2)
     slips = isinstance(scene.rig, Rig) and np.isfinite(result.summary["first_slip_time"])
-    if slips and len(result.growing) and result.growing[0] > BAND:
-        warn(out_of_band(scene.mu, result.growing[0], scene.rig.valid_up_to), OutOfBandWarning, stacklevel=2)
+    if slips and len(result.growing) and result.growing[0] > errors.BAND:
+        text = f"at mu = {scene.mu:g} sliding is unstable at {1e-3 * result.growing[0]:.3g} kHz and not below"
+        text += f" {1e-3 * errors.BAND:g} kHz, the default band of flutter_onsets; the beam model holds up to"
+        text += f" {1e-3 * scene.rig.valid_up_to:.3g} kHz (rig.valid_up_to)"
+        warn(text, OutOfBandWarning, stacklevel=2)
     return result
 
 
@@ -189,12 +182,7 @@ def growing_frequencies(
 
 
 def painleve_mu(
-    rig: ContactModel,
-    theta: Any,
-    method: str | None = None,
-    *,
-    options: Options | None = None,
-    **keywords: Any,
+    rig: ContactModel, theta: Any, method: str | None = None, *, options: Options | None = None, **keywords: Any
 ) -> float:
     """Find the mu above which a method's contact force is not unique (Painleve's paradox).
 
@@ -222,7 +210,7 @@ def painleve_mu(
     given = options_of(options, keywords if method is None else keywords | {"method": method})
     method, step, law = given.method, given.step, given.law
     if method != "fast":
-        one_contact(rig, f"method {method!r} moves one contact")
+        one_contact(rig, f"method {method!r} moves one contact; use 'fast'")
     rig = published.with_numerical_damping(rig, method, law["numerical_damping"])
     if method == "paper":
         step, beta2 = step or published.paper_step(rig), law["beta2"] or published.BETA2

@@ -25,8 +25,6 @@ EVENTS = ("first_slip", "first_separation", "stick_start", "last_stick", "settle
 SETTLED = ("sum_N", "max_N", "max_slip", "switches", "separation_time", "stick_time", "slip_time")
 # ... and from the start, the energy balance.
 ENERGIES = ("work", "damped", "friction", "termination", "impact")
-# Those that change in every step.
-COUNTED = (*(name for name in SETTLED if name != "switches"), *(name for name in ENERGIES if name != "damped"))
 FIELDS = [(name, "f8") for name in (*EVENTS, *SETTLED, *ENERGIES)]
 # Number of long sticks in the list, and the number that it has room for.
 FIELDS += [(name, "i8") for name in ("sticks", "stick_room")]

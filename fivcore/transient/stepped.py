@@ -1,4 +1,4 @@
-"""Base of the runs of "exact" and "paper": a grid of steps, the record, and a segment's buffers."""
+"""Base of all runs: a grid of steps and the record; of those of "exact" and "paper" also a segment's buffers."""
 
 from __future__ import annotations
 
@@ -23,25 +23,31 @@ def duplicate(run: Any) -> Any:
     return other
 
 
-class SteppedRun:
-    """One run in progress; a segment has `length` steps and does not pass step `_cut`.
+class Run:
+    """One run in progress, normalised (F = 1): `step`, `begun`, its start, s, and the `rate` of samples, Hz.
 
-    A method's own `_take(first, last, samples, rows, sticks)` goes through steps and fills the buffers, which are
-    read at `READ_AT` of a step.
+    It ends after `steps`, and the next segment does not pass step `pause`. A method has a `model`, the one in use,
+    `stored_energy()` of modes, springs and load, `flush(floor)`, which sets what is below a floor to zero and says
+    whether all is finite, and `state()`. A segment of "exact" or "paper" has `length` steps and does not pass step
+    `_cut`; `_take(first, last, samples, rows, sticks)` goes through steps and fills the buffers, which are read at
+    `READ_AT` of a step.
     """
 
     READ_AT = 1.0
+    # Whether steady sliding may still be proved.
     may_settle, begun = False, 0.0
     _cut, _first_energy, row_size = -1, 0.0, 6
     model: ReducedModel
     _take: Any
     stored_energy: Any
+    flush: Any
+    state: Any
 
     def resumed(self, options: RunOptions) -> Any:
         """Return a run that continues this one after its end."""
         run = duplicate(self)
         run.options, run.begun = options, run.time
-        run.pause = run.steps = int(run.record["now"][0]) + max(round(options.duration / run.step), 1)
+        run.pause = run.steps = run.now + max(round(options.duration / run.step), 1)
         options.record_of(run.scene, None, run.record, run.begun)
         run.record["row_every"] = options.rows(run.step)[0]
         if "settle" in run.record.dtype.names:
@@ -57,7 +63,6 @@ class SteppedRun:
         every = max(round(INTERVAL * scene.rig.time_scale / step), 1)
         self.rate = 1.0 / (every * step)
         self.segments: Iterable[Segment] = []
-        self.growing: Array = np.zeros(0)
         self.record = options.record_of(scene, fields)
         self.record["contact"] = options.contact
         self.record["sample_every"] = every
@@ -65,22 +70,32 @@ class SteppedRun:
 
     @property
     def models(self) -> list[tuple[float | None, ReducedModel]]:
-        """The model in use, with the cut-off asked for."""
+        """All models of the run, each with the cut-off asked for."""
         return [(self.options.cutoff, self.model)]
+
+    @property
+    def growing(self) -> Array:
+        """Frequencies of growing motions about steady sliding, Hz; empty where none are sought."""
+        return np.zeros(0)
+
+    @property
+    def now(self) -> int:
+        """Steps of the run that have been taken."""
+        return int(self.record["now"][0])
 
     @property
     def done(self) -> bool:
         """Whether the run has come to its end."""
-        return bool(self.record["now"][0] >= self.steps)
+        return self.now >= self.steps
 
     @property
     def time(self) -> float:
         """Time up to which the run has come, s."""
-        return float(self.record["now"][0]) * self.step
+        return self.now * self.step
 
     def advance(self) -> None:
         """Go on to the end of the next segment and leave its samples, rows and sticks in `segments`."""
-        record, step, now = self.record, self.step, int(self.record["now"][0])
+        record, step, now = self.record, self.step, self.now
         last = min(now + self._length, self.pause, self._cut if now < self._cut else self.steps)
         every = int(record["sample_every"][0])
         samples = np.empty((count_in(now, last, every), SAMPLE))

@@ -6,12 +6,12 @@ import numpy as np
 
 from fivcore.contact.reduced import default_cutoff
 from fivcore.jit import Array
-from fivcore.rig import ContactModel, Rig
+from fivcore.rig import Rig
 from fivcore.structure import Structure
 from fivcore.transient.normalised import displacement, loading_time, reference_energy, slip_distance
 from fivcore.transient.observe import NORMAL_FORCE, SLIP_RATE, Observer, degrees_of_freedom, standard_errors
-from fivcore.transient.options import Run
 from fivcore.transient.statistics import ENERGIES, FIELDS, SETTLED
+from fivcore.transient.stepped import Run
 
 
 def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
@@ -79,11 +79,8 @@ def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
     whole = observer.correlation.peak() if len(long) else float("nan")
     # Sticks that last no longer than a period are a part of the vibration.
     cycle = long[:, 1] - long[:, 0] <= 1.0 / whole
-    filled, within = (
-        float(np.sum(np.maximum(of[:, 1] - np.maximum(of[:, 0], start), 0.0)))
-        for of in (long[~cycle], long[cycle])
-    )
-    long = long[~cycle]
+    counted_sticks = np.maximum(long[:, 1] - np.maximum(long[:, 0], start), 0.0)
+    filled, within, long = float(counted_sticks[~cycle].sum()), counted_sticks[cycle].sum(), long[~cycle]
     dominant = whole if within > filled else observer.moving.peak()
     dominant = float("nan") if quiet else dominant
     periodicity = observer.periodicity(dominant)
@@ -101,29 +98,26 @@ def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
     if regime == "steady sliding":
         # The decay at the start of the statistics has a largest peak, but nothing vibrates any more.
         dominant = periodicity = float("nan")
-    lengths = sticks[:, 1] - sticks[:, 0]
-    unit = scene.rig.time_scale
+    lengths, unit = sticks[:, 1] - sticks[:, 0], scene.rig.time_scale
     degrees = degrees_of_freedom((end - start) / unit, loading_time(scene) / unit)
-    decided = not (regime in ("undecided", "stuck", "steady sliding") or observer.repeated)
-    errors = standard_errors(observer, degrees if decided else 0, lengths)
-    if observer.repeated or regime in ("stuck", "steady sliding"):
+    constant = observer.repeated > 0 or regime in ("stuck", "steady sliding")
+    errors = standard_errors(observer, 0 if constant or regime == "undecided" else degrees, lengths)
+    if constant:
         errors |= {f"{state}_fraction": 0.0 for state in states}
     released, work, *lost = run.released_energy(), *(counted[name] for name in ENERGIES)
-    exchanged = float(np.abs([work, released, *lost]).sum())
-    exchanged = max(exchanged, reference_energy(scene, run.options.initial))
+    exchanged = max(float(np.abs([work, released, *lost]).sum()), reference_energy(scene, run.options.initial))
     # The largest standard error of a share over one second says how seldom the motion changes its kind.
     unsteady = max(errors[f"{state}_fraction"] for state in states) * np.sqrt(max(end - start, 0.0) / unit)
     cutoff, origin = run.options.cutoff, "given"
     if run.options.method == "paper":
         cutoff, origin = float(np.sqrt(run.model.stiffness.max())) / (2.0 * np.pi), "all modes"
     elif cutoff is None:
-        cutoff, origin = highest(scene.rig)
+        cutoff, origin = default_cutoff(scene.rig), "default"
+        if isinstance(own := scene.rig, Structure) and not own.cutoff:
+            cutoff, origin = float(own.motion.frequency[-1]), "default" if own.wider else "highest mode"
     least = CUTOFF_ERROR if isinstance(scene.rig, Rig) else OWN_CUTOFF_ERROR
-    expected = float(np.hypot(least, UNSTEADY * unsteady))
-    if origin != "default":
-        expected = float("nan")
-    elif observer.repeated or regime in ("stuck", "steady sliding"):
-        expected = 0.0
+    expected = 0.0 if constant else float(np.hypot(least, UNSTEADY * unsteady))
+    expected = expected if origin == "default" else float("nan")
     figures = {
         **{f"{state}_fraction": value for state, value in share.items()},
         "dominant_frequency": dominant,
@@ -162,13 +156,6 @@ def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
 CUTOFF_ERROR, UNSTEADY = 0.0085, 0.65
 # The former of structures (`python -m tests.benchmarks constants`).
 OWN_CUTOFF_ERROR = 0.012
-
-
-def highest(rig: ContactModel) -> tuple[float, str]:
-    """Default cut-off, Hz, and where it comes from."""
-    if not isinstance(rig, Structure) or rig.cutoff:
-        return default_cutoff(rig), "default"
-    return float(rig.motion.frequency[-1]), "default" if rig.wider else "highest mode"
 
 
 # Thresholds of the regimes, as `regime_of` states them.

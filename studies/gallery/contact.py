@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 from scipy.integrate import cumulative_trapezoid
 
-from fivcore import Scene, Transient, checks
+from fivcore import LimitCycle, Rig, Scene, Transient, checks, follow_cycle, limit_cycle
+from fivcore.errors import SceneError, UnsolvedError
+from fivcore.transient.published import with_numerical_damping
 from studies import labels, paper, summary
 from studies.claims import Claim, is_papers_point
 from studies.motion import regimes, run, series
-from studies.motion.jobs import Job, outcomes
+from studies.motion.jobs import Job, outcomes, run_all
 from studies.parameters import RUN, published
 from studies.plotting import figures, planes
 from studies.study import Parameter, Study
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SEPARATION, STICK, SLIP = range(3)
+FORCES = ("normal_force", "tangential_force", "slip_velocity")
 # The motion is recorded at every step of the method; of one series so many samples fit into memory.
 RECORDED, MOST_SAMPLES = 1e6, 5_000_000
 # Of the overview: its intervals, s, and how long after the first slip the start-up lasts, s.
@@ -41,6 +45,22 @@ OVERVIEW = {
     "largest_normal_force": Variable("N", "largest normal force in the interval", ("interval",), "float32"),
     "largest_slip_speed": Variable("m s-1", "largest slip speed in the interval", ("interval",), "float32"),
 }
+# A run of so many seconds finds a cycle at this d2, s; it is followed from there to that of the rig.
+SEARCH, SOUGHT = 1.0, 1.5e-7
+# Samples of a cycle, and of one that a motion is compared with; it is near up to this share of their deviations.
+SAMPLES, COMPARED, NEAR = 1000, 64, 0.5
+CYCLE_SERIES = {
+    f"cycle_{name}": Variable(each.units, f"{each.long_name}, on the limit cycle", ("phase",), "float32")
+    for name, each in SERIES.items()
+}
+CYCLE = {
+    "cycle_frequency": Variable("Hz", "frequency of the limit cycle"),
+    "cycle_max_normal_force": Variable("N", "largest normal force on the limit cycle"),
+    "cycle_max_slip_speed": Variable("m s-1", "largest slip speed on the limit cycle"),
+    "cycle_multiplier": Variable("1", "largest Floquet multiplier of the limit cycle, in magnitude"),
+    "cycle_near": Variable("1", "part of the overview, from the first slip on, that is near the limit cycle"),
+    "cycle_d2": Variable("s", "d2 nearest to that of the rig to which the limit cycle is followed"),
+}
 START = {
     "start_up_normal_force": Variable("N", "largest normal force in the first 0.1 s after the first slip"),
     "start_up_slip_speed": Variable("m s-1", "largest slip speed in the first 0.1 s after the first slip"),
@@ -51,6 +71,10 @@ CLAIMS = tuple(
     for V, peaks in paper.CONTACT_PEAKS.items()
     for names in (("normal_force_999", "slip_speed_999"), START)
     for name, value in zip(names, peaks, strict=True)
+)
+CLAIMS += tuple(
+    Claim(f"cycle_max_{name}", {"V": 5e-3}, value, "Figs. 8, 9")
+    for name, value in zip(PEAKS, paper.CONTACT_PEAKS[5e-3], strict=True)
 )
 # Where the number of a phase is written, points from its middle.
 OFFSETS = {1: (0, 11), 2: (14, -6), 3: (0, -12), 4: (-8, 13)}
@@ -66,6 +90,7 @@ def contacts(
     window: float,
     overview: float,
     sample_rate: float,
+    most: int,
     **options: Any,
 ) -> dict[str, Any]:
     """The contact of each scene in the window and in the overview, and the summary of its whole run."""
@@ -76,7 +101,8 @@ def contacts(
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         whole, part = runs
-        return within(part, times) | interval_peaks(part, overview) | start_peaks(part) | run.summary_of(whole)
+        found = within(part, times) | interval_peaks(part, overview) | start_peaks(part) | run.summary_of(whole)
+        return found | cycle_values(jobs[0].scene, part, most, options["numerical_damping"], options["cutoff"])
 
     jobs = [[run.job(scene, length, options, **how) for length, how in lengths] for scene in scenes]
     return outcomes(jobs, values)
@@ -126,6 +152,71 @@ def start_peaks(motion: Transient) -> dict[str, Any]:
     return dict(zip(START, peaks, strict=True))
 
 
+def sought(scene: Scene, cutoff: float | None, most: int) -> tuple[LimitCycle | None, float]:
+    """The limit cycle of a scene, if one is found, and the d2 to which it was followed.
+
+    It is sought near a run without long sticks: of beams at d2 = SOUGHT, at which it repeats itself best.
+    """
+    own = getattr(scene.rig, "d2", np.nan)
+    first = replace(scene, rig=replace(scene.rig, d2=SOUGHT)) if isinstance(scene.rig, Rig) else scene
+    duration = SEARCH * scene.rig.time_scale
+    try:
+        (motion,) = run_all([Job(first, duration, {"cutoff": cutoff})])
+        if isinstance(motion, SceneError) or motion.summary["regime"] not in regimes.WITHOUT_STICKS:
+            return None, np.nan
+        cycle = limit_cycle(first, duration=duration, cutoff=cutoff)
+        if own == SOUGHT or not np.isfinite(own):
+            return cycle, own
+        branch = follow_cycle(cycle, "d2", own, most=most)
+        nearest = int(np.abs(branch.values - own).argmin())
+        if not branch.values.min() <= own <= branch.values.max():
+            return None, float(branch.values[nearest])
+        return limit_cycle(scene, branch.cycles[nearest]), own
+    except (UnsolvedError, SceneError):
+        return None, np.nan
+
+
+def cycle_values(
+    scene: Scene, motion: Transient, most: int, numerical_damping: str, cutoff: float | None
+) -> dict[str, Any]:
+    """The limit cycle of a scene, and how near to it the motion is; NaN where none is found."""
+    damped = replace(scene, rig=with_numerical_damping(scene.rig, run.METHOD, numerical_damping))
+    cycle, d2 = sought(damped, cutoff, most) if most else (None, np.nan)
+    values: dict[str, Any] = dict.fromkeys(CYCLE, np.nan) | {"cycle_d2": d2}
+    if cycle is None:
+        return values | {name: np.full(SAMPLES, np.nan) for name in CYCLE_SERIES}
+    begins = np.cumsum([0.0, *(time for _, time in cycle.states)])
+    stick = max(range(len(cycle.states)), key=lambda k: (cycle.states[k][0] == "stick", cycle.states[k][1]))
+    time = (begins[stick] + cycle.period * np.arange(SAMPLES) / SAMPLES) % cycle.period
+    N, T, slip = (np.interp(time, cycle.time, getattr(cycle, name)) for name in FORCES)
+    state = cycle.state[np.searchsorted(cycle.time, time, side="right") - 1]
+    ratio = np.divide(T, N, out=np.zeros_like(N), where=state != SEPARATION)
+    moved = np.cumsum(slip) * cycle.period / SAMPLES
+    summary = {name: cycle.summary[name.removeprefix("cycle_")] for name in list(CYCLE)[:3]}
+    summary |= {"cycle_multiplier": cycle.summary["largest_multiplier"], "cycle_near": near(motion, cycle)}
+    return values | summary | dict(zip(CYCLE_SERIES, (N, ratio, slip, moved - moved[0], state), strict=True))
+
+
+def near(motion: Transient, cycle: LimitCycle) -> float:
+    """The part of the time in which a motion is near a cycle.
+
+    Near it is a period in which normal force and velocity of B differ from the cycle's, at the best phase, by
+    less than NEAR of their deviations on it (root mean square).
+    """
+    step, names = cycle.period / COMPARED, ("normal_force", "velocity_B")
+    times = np.arange(motion.summary["first_slip_time"], motion.time[-1], step)
+    moved = np.stack([np.interp(times, motion.time, getattr(motion, name)) for name in names])
+    one = np.stack([np.interp(step * np.arange(COMPARED), cycle.time, getattr(cycle, name)) for name in names])
+    middle, spread = one.mean(axis=1, keepdims=True), one.std(axis=1, keepdims=True)
+    one = (one - middle) / spread
+    parts = np.lib.stride_tricks.sliding_window_view((moved - middle) / spread, COMPARED, axis=1)
+    parts = parts[:, :: COMPARED // 8]
+    # Products of each part with the cycle at all phases.
+    products = np.fft.irfft(np.fft.rfft(parts) * np.fft.rfft(one).conj()[:, None], COMPARED).sum(axis=0)
+    squares = (parts**2).sum(axis=(0, 2)) + (one**2).sum() - 2.0 * products.max(axis=-1)
+    return float(np.mean(squares < NEAR**2 * len(names) * COMPARED))
+
+
 def check(
     window: float, window_start: float, overview: float, sample_rate: float, duration: Any, **others: Any
 ) -> None:
@@ -135,13 +226,16 @@ def check(
     checks.between("window_start", window_start, 0.0, most - window, "s")
     checks.between("overview", overview, 10.0 * INTERVAL, most, "s")
     checks.between("sample_rate", sample_rate, 1e3, 1e6, "Hz")
+    checks.between("most", float(np.max(others.pop("most"))), 0.0, 1000.0, "points")
     checks.between("duration", np.min(duration), 2.0 * series.WINDOW, 1e6, "s")
     run.check(**{name: others[name] for name in ("V", "F", *RUN)})
 
 
 def coords(window_start: float, window: float, overview: float, sample_rate: float) -> dict[str, Axis]:
     """The times of the window and the intervals of the overview."""
-    return {"elapsed": window_times(window_start, window, sample_rate), "interval": intervals(overview)}
+    phase = Axis(np.arange(SAMPLES) / SAMPLES, "1", "part of the period since the longest stick began")
+    times = window_times(window_start, window, sample_rate)
+    return {"elapsed": times, "interval": intervals(overview), "phase": phase}
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
@@ -151,6 +245,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         force, speed = (labels.number(float(labels.readable(point[f"{name}_999"]))) for name in PEAKS)
         speeds = labels.named("V", point["V"])
         yield f"At {speeds} the normal force reaches {force} N and the slip speed {speed} mm/s (99.9 % quantiles)."
+    if int(dataset["most"]):
+        yield from (cycle_text(dataset.isel(V=k)) for k in range(dataset.sizes["V"]))
     changes = dataset["switches_per_second"] / regimes.dominant_frequency(dataset)
     table = dataset.assign(state_changes_per_period=changes.assign_attrs(units="1"))
     names = ["V", "regime", "stick_fraction", "slip_fraction", "separation_fraction", "state_changes_per_period"]
@@ -166,6 +262,26 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     )
     yield "Slip speed", summary.frame(dataset, ["V", "slip_speed_999", "max_slip_speed", "start_up_slip_speed"])
     yield "Largest values are spikes of microseconds and grow with the length of the run."
+
+
+def cycle_text(point: xr.Dataset) -> str:
+    """A sentence about the limit cycle of a point: its frequency, peaks and stability, or why none is found."""
+    value = {name: float(labels.readable(point[name])) for name in CYCLE}
+    frequency, force, speed, multiplier, share, d2 = (labels.number(each) for each in value.values())
+    where = labels.named("V", point["V"])
+    if np.isfinite(value["cycle_frequency"]):
+        kind = "stable" if value["cycle_multiplier"] < 1.0 else "unstable"
+        return (
+            f"The limit cycle at {where}, {frequency} Hz, reaches {force} N and {speed} mm/s. It is {kind}: its "
+            f"largest multiplier is {multiplier}. The motion is near it for {share} of the time: over a period "
+            f"normal force and velocity of B differ from the cycle's by less than {NEAR:g} of their deviations."
+        )
+    if np.isfinite(value["cycle_d2"]):
+        return (
+            f"No limit cycle is found at {where}: that of d2 = {SOUGHT:g} s, which a run finds, is followed to "
+            f"d2 = {d2} s, and does not reach the damping here."
+        )
+    return f"No limit cycle is found at {where}: a run without long sticks that repeats itself is needed for it."
 
 
 def draw(dataset: xr.Dataset) -> Figure:
@@ -224,7 +340,22 @@ def _draw_speed(column: np.ndarray, point: xr.Dataset) -> None:
     bound = np.copysign(float(point["mu"]), float(point["V"]))
     friction.axhline(bound, color=figures.BLACK, linestyle=":", linewidth=1.0, label="imposed friction μ")
     slip.set_xlabel(f"time since {begin:.5f} s / ms")
-    _draw_phase(phase, point.isel(elapsed=slice(first, one)))
+    shown = point.isel(elapsed=slice(first, one))
+    if np.isfinite(float(point["cycle_frequency"])):
+        # The motion as it is, and the cycle with its states.
+        phase.plot(*_plane(window), color=figures.GREY, linewidth=0.7, label="phase plane: motion")
+        shown = xr.Dataset({name: ("elapsed", point[f"cycle_{name}"].values) for name in SERIES})
+        time = 1e3 * np.arange(PERIODS * SAMPLES) / SAMPLES / float(point["cycle_frequency"])
+        for axes, name, scale in zip((normal, friction, slip), SERIES, (1.0, 1.0, 1e3), strict=False):
+            y = scale * np.tile(shown[name].values, PERIODS)
+            axes.plot(time, y, color=figures.RED, linewidth=0.9, label="limit cycle")
+    _draw_phase(phase, shown)
+
+
+def _plane(point: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Slip displacement, um, and velocity, mm/s."""
+    moved = 1e6 * point["slip_displacement"].values
+    return moved - moved[0], 1e3 * point["slip_velocity"].values
 
 
 def periods(point: xr.Dataset) -> tuple[int, int, int]:
@@ -263,8 +394,7 @@ def _mark_states(axes: Axes, time: np.ndarray, state: np.ndarray) -> None:
 
 def _draw_phase(axes: Axes, point: xr.Dataset) -> None:
     """One period in the phase plane, its main phases numbered as in the paper."""
-    moved, speed = 1e6 * point["slip_displacement"].values, 1e3 * point["slip_velocity"].values
-    moved, state = moved - moved[0], point["state"].values
+    (moved, speed), state = _plane(point), point["state"].values
     looks = {SLIP: ("-", figures.BLUE), SEPARATION: ("--", figures.ORANGE), STICK: (".-", figures.BLACK)}
     for code, (style, colour) in looks.items():
         inside = state == code
@@ -311,9 +441,12 @@ STUDY = Study(
         "window": Parameter(2e-3, "s", "length of the window", common=True),
         "overview": Parameter(0.5, "s", "length of the overview from the start", common=True),
         "sample_rate": Parameter(500e3, "Hz", "sampling rate of the series in the window", common=True),
+        "most": Parameter(
+            30, "1", "most points over which a limit cycle is followed; 0: none is sought", common=True
+        ),
     }
     | published(RUN),
-    outputs=SERIES | OVERVIEW | START | run.SUMMARY,
+    outputs=SERIES | OVERVIEW | START | CYCLE_SERIES | CYCLE | run.SUMMARY,
     function=contacts,
     coords=coords,
     check=check,

@@ -19,10 +19,11 @@ from fivcore import (
     checks,
     flutter_onsets,
     glued_frequencies,
+    limit_cycle,
     lyapunov_exponent,
     painleve_mu,
 )
-from fivcore.errors import SceneError
+from fivcore.errors import SceneError, UnsolvedError
 from studies import labels, paper, spec, summary, uncertainty
 from studies.gallery import knock
 from studies.motion import ensemble, regimes, run
@@ -37,6 +38,8 @@ from studies.study import Study
 from sweeps import FAILED, InputError, Plan, Refinement, Variable, check_counts, refined
 
 MU_MAX, LONGEST_NAME = 1.0, 60
+# Length of a run that is searched for a limit cycle, s; of a structure in units of its time.
+SEARCH = 0.5
 # A quantity passes from one class to another at these values.
 THRESHOLDS = {"growth_rate": 0.0, "lyapunov_exponent": 0.0, "probability_unstable": 0.5}
 # Points of the paper: its tests, and where it finds modes to become unstable.
@@ -62,6 +65,11 @@ MOTION = {
 }
 CHAOS = {"lyapunov_exponent": ("s-1", "largest Lyapunov exponent of the motion")}
 CHAOS |= {f"{name}_se": ("s-1", f"standard error of the {text}") for name, (_, text) in CHAOS.items()}
+CYCLE = {
+    "limit_cycle_frequency": ("Hz", "frequency of the limit cycle near the motion"),
+    "limit_cycle_rms": Variable("m s-1", "RMS of the velocity of B on the limit cycle", (), scale="load"),
+    "limit_cycle_stable": ("1", "1 where the limit cycle is stable, 0 where it is not"),
+}
 PROBABILITY = {"probability_unstable": ("1", "probability of instability")}
 PROBABILITY |= {f"{name}_se": ("1", f"standard error of the {text}") for name, (_, text) in PROBABILITY.items()}
 
@@ -111,6 +119,23 @@ def chaos(scenes: Sequence[Scene], duration: float, **how: Any) -> dict[str, Any
             found.append((np.nan, np.nan))
             errors.append(error)
     return dict(zip(CHAOS, np.transpose(found), strict=True)) | {"error": errors}
+
+
+def cycles(scenes: Sequence[Scene], duration: float | None, **how: Any) -> dict[str, Any]:
+    """The limit cycle near which the motion of each scene is, NaN where none is found."""
+    found, errors = list[tuple[float, ...]](), list[SceneError | None]()
+    for scene in scenes:
+        values, error = (np.nan, np.nan, np.nan), None
+        try:
+            cycle = limit_cycle(scene, duration=duration or SEARCH * scene.rig.time_scale, **how)
+            values = (cycle.frequency, cycle.summary["velocity_rms"], float(cycle.stable))
+        except UnsolvedError:
+            pass
+        except SceneError as problem:
+            error = problem
+        found.append(values)
+        errors.append(error)
+    return dict(zip(CYCLE, np.transpose(found), strict=True)) | {"error": errors}
 
 
 def probability(rig: Rig, theta: Any, mu: Any, samples: int, seed: int, distributions: Any) -> dict[str, Any]:
@@ -312,6 +337,7 @@ DRAWS = {"samples": (1024, "number of uncertain rigs"), "seed": (0, "seed of the
 TIME = {"duration": Parameter(4.0, "s", "simulated time", common=True)}
 TIME |= {name: RUN[name] for name in ("ramp", "cutoff", "numerical_damping")}
 MODEL = {name: RUN[name] for name in ("cutoff", "numerical_damping")}
+SEARCHED = TIME | {"duration": Parameter(None, "s", "time of the run that is searched; auto: 0.5 s", common=True)}
 BEAMS, STEADY, SEVERAL = {"beams": True}, {"normalised": True}, {"normalised": True, "chaotic": True}
 LIMIT = {"painleve_mu": ("1", "mu from which on the contact force is not unique")}
 DRAWN = {name: Parameter(value, "1", text, common=True) for name, (value, text) in DRAWS.items()}
@@ -323,6 +349,7 @@ GROUPS: tuple[tuple[str, str, Any, Any, Any, dict[str, Any]], ...] = (
     ("glued", "Natural frequencies of the beams glued at the contact", {}, GLUED, glued, BEAMS),
     ("motion", "Motion", RUNS, MOTION, motion, SEVERAL | {"check": ensemble.check, "coords": ensemble.APART}),
     ("chaos", "Chaos: how fast neighbouring motions part", TIME, CHAOS, chaos, STEADY | {"chaotic": True}),
+    ("cycles", "Limit cycle near the motion", SEARCHED, CYCLE, cycles, STEADY | {"chaotic": True}),
     (
         "knock",
         "Smallest knock that starts vibration where steady sliding is stable",

@@ -67,7 +67,7 @@ def directions(scene: Scene, names: Sequence[str], mode: int = 0, second_mode: i
     made = np.zeros((len(names), 2, len(own.stiffness)))
     for k, name in enumerate(names):
         if name == "knock":
-            moved, m = own.normal if own.struck is None else own.struck, len(own.frequency)
+            moved, m = own.struck, len(own.frequency)
             made[k, 1, :m] -= moved[:m]
         elif name == "velocity_C":
             rigid = own.stiffness == 0.0

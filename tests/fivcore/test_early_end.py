@@ -9,7 +9,7 @@ import pytest
 from fivcore import Rig, Scene, State, simulate, sliding_modes
 from fivcore.contact.reduced import default_cutoff, full_model, reduced_model
 from fivcore.contact.step_map import step_map
-from fivcore.transient.fast import ending, layout, steady
+from fivcore.transient.fast import layout, steady
 from fivcore.transient.fast.run import FastRun
 from fivcore.transient.fast.solver import take
 from fivcore.transient.fast.steady import NORMAL, PENETRATION, SLIP_RATE, VELOCITY, steady_sliding
@@ -122,7 +122,7 @@ def test_a_growing_mode_is_seen_however_small_it_is(mu, monkeypatch):
         run.place(q, v)
 
     monkeypatch.setattr(FastRun, "_start", placed)
-    monkeypatch.setattr(ending, "steady_sliding", lambda *given: asked.append(given) or steady_sliding(*given))
+    monkeypatch.setattr(steady, "steady_sliding", lambda *given: asked.append(given) or steady_sliding(*given))
     nothing = np.zeros(len(full_model(Rig(), 5.0).stiffness))
     given = {"initial": State(nothing, nothing, SLIP), "ramp": 0.0, "cutoff": FEW, "record": True}
     full, free = both(Scene(5e-3, 5.0, mu, 9.0), 3.5, **given)

@@ -30,11 +30,11 @@ def test_a_gap_that_closes_and_opens_between_two_readings_is_found(dip, heeded):
     shapes, damping = np.zeros_like(model.shapes), np.zeros(n)
     shapes[0, k] = size
     system = (model.stiffness, damping, shapes, model.inertia, model.output, model.K, model.C, 0.0 * model.K)
-    motion = run._motion.copy()
+    motion = run.motion.copy()
     # With no force on the springs, the gap is size (1 - dip + cos omega t).
     motion[k], motion[2 * n] = 1.0, size * (1.0 - dip)
     event = follow(
-        motion, SEPARATION, 0.0, 2.0 * np.pi / omega, True, (*system, run._law), np.zeros(3), run._zeros, 1.0,
+        motion, SEPARATION, 0.0, 2.0 * np.pi / omega, True, (*system, run._law), np.zeros(3), run.zeros, 1.0,
         run.record, *BUFFERS,
     )  # fmt: skip
     assert (event > NOTHING) == heeded
@@ -53,4 +53,4 @@ def test_a_run_without_a_unique_contact_force_or_a_finite_state_is_an_error():
         made(0.01, 40.0, 30.0)
     run = made(0.02, 5.0, 0.2)
     with pytest.raises(DivergenceError, match="blown up at t = 0 s"):
-        run._enter(0.0, STICK, np.full(2 * len(run.model.stiffness) + 2, np.nan))
+        run.enter(0.0, STICK, np.full(2 * len(run.model.stiffness) + 2, np.nan))

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from fivcore import ContactError, Rig, Scene, painleve_mu, simulate
 from fivcore.beams.modes import propagator
 from fivcore.contact import step_map
-from fivcore.contact.impulse import SMALL, at_impulses, between_impulses
+from fivcore.contact.law import SMALL, at_impulses, between_impulses
 from fivcore.contact.reduced import (
     CONTACT_DAMPING,
     ReducedModel,

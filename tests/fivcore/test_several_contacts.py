@@ -13,11 +13,14 @@ from fivcore import (
     Structure,
     flutter_onsets,
     glued_frequencies,
+    limit_cycle,
     lyapunov_exponent,
+    painleve_mu,
     simulate,
     sliding_modes,
     sliding_onsets,
 )
+from fivcore.stability.several import crossings
 from fivcore.transient.fast.several import SeveralRun
 from tests.helpers.several import drawn, paper_rig, repeated, two_beams
 
@@ -156,11 +159,12 @@ def test_wrong_contacts_are_refused_in_one_line(given, message):
 def test_what_needs_one_contact_says_so():
     own = drawn(2)
     scene = Scene(0.02, 0.0, 0.3, 10.0, own)
+    calls = [(call, (scene, 0.1)) for call in (lyapunov_exponent, limit_cycle)]
     for method in ("exact", "paper"):
-        with pytest.raises(InputError, match="several contacts"):
-            simulate(scene, 0.1, method)
-    with pytest.raises(InputError, match="touches in 5 places"):
-        lyapunov_exponent(scene, 0.1)
+        calls += [(simulate, (scene, 0.1, method)), (painleve_mu, (own, 0.0, method))]
+    for call, given in calls:
+        with pytest.raises(InputError, match=r"touches in 5 places; [^\n]* one contact[^\n]*$"):
+            call(*given)
     with pytest.raises(ContactError, match="not unique"):
         simulate(Scene(0.02, 0.0, 3.0, 10.0, own), 0.1)
 
@@ -279,3 +283,16 @@ def test_initial_gaps_make_a_scene_depend_on_its_load():
 
 def test_the_run_of_several_contacts_is_chosen_by_their_number():
     assert isinstance(simulate(Scene(0.02, 0.0, 0.3, 1.0, springs()), 0.01).final_state.origin[1], SeveralRun)
+
+
+def test_a_rate_that_is_constant_within_rounding_is_not_followed():
+    rng, places = np.random.default_rng(0), []
+
+    def at(mu):
+        places.append(mu)
+        return np.array([-0.01 * (1.0 + 1e-12 * rng.normal()) + 0.5j, 0.1 * (mu - 0.55) + 0.2j])
+
+    grid = np.linspace(0.0, 1.0, 97).tolist()
+    onsets, *_ = crossings(at, grid)
+    assert onsets == [pytest.approx((0.55, 0.2))]
+    assert len(places) < 2 * len(grid)

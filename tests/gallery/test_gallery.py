@@ -20,7 +20,7 @@ ENSEMBLE = {"members": 2, "max_duration": 0.6, "min_duration": 0.2}
 SCENE = {"mu": 0.2, "F": 9.0}
 SMALL = {
     "fig7": {"duration": 0.3},
-    "contact": {"duration": 0.3, "window_start": 0.2, "overview": 0.25},
+    "contact": {"duration": 0.3, "window_start": 0.2, "overview": 0.25, "most": 0},
     "fig11": {"duration": 0.2},
     "table6": {"theta": [-5.0, 5.0, 15.0]} | ENSEMBLE,
     "stick_time": {"V": [1e-3, 2e-3], "member": [1, 2], "min_duration": 0.3} | SCENE,
@@ -31,6 +31,7 @@ SMALL = {
     "damping": {"d1": [50.0], "d2": [1e-8, 2e-7], "members": 2, "duration": 0.2},
     "stribeck": {"V": [1e-3, 4e-3], "kinetic_ratio": [0.8, 1.0]} | ENSEMBLE,
     "hysteresis": {"mu": [0.1, 0.12], "hold": 0.1, "member": [1, 2]},
+    "cycles": {"d2": [1e-6], "mu": [0.116, 0.118], "hold": 0.1, "edges": 1, "most": 4},
     "basins": {"mu": [0.09, 0.1, 0.115], "most": 20, "duration": 0.2},
     "scenes": {"V": [2e-3, 5e-3], "duration": 0.1} | SCENE,
     "accuracy": {"method": "fast", "setting": ["default", "cut-off 0.4"], "scene": "5 mm/s", "members": 2}
@@ -41,7 +42,10 @@ SMALL = {
 }
 
 
-LONG = ("accuracy", "stress", "classics", "damping", "basins", "stick_time", "robust", "hysteresis", "patch")
+LONG = (
+    *("accuracy", "stress", "classics", "damping", "basins", "stick_time", "robust", "hysteresis", "cycles"),
+    "patch",
+)
 
 
 @pytest.fixture(scope="module")

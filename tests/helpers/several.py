@@ -28,7 +28,8 @@ def repeated(own, count=2):
     """A structure whose contact is there several times."""
     rows = {name: np.stack([getattr(own, name)] * count) for name in ("normal", "tangential")}
     wider = own.wider and repeated(own.wider, count)
-    return replace(own, **rows, gap=np.zeros(count), friction=np.ones(count), struck=None, wider=wider)
+    given = {"struck": rows["normal"], "gap": np.zeros(count), "friction": np.ones(count)}
+    return replace(own, **rows, **given, wider=wider)
 
 
 def free_beam(beam):
@@ -93,5 +94,5 @@ def foot(c, theta=5.0):
         normal = np.append(upper.shapes[-1, 1] + arm * upper.shapes[-1, 2], -across @ bent)
         rows.append((normal, np.append(upper.shapes[-1, 0], -along @ lower.shapes[1:, 0])))
     normal, tangential = map(np.stack, zip(*rows, strict=True))
-    given = {"normal": normal, "tangential": tangential, "gap": np.zeros(c), "friction": np.ones(c)}
-    return replace(own, **given, struck=None)
+    given = {"normal": normal, "tangential": tangential, "struck": normal}
+    return replace(own, **given, gap=np.zeros(c), friction=np.ones(c))

@@ -154,7 +154,7 @@ def by_exact(system, duration, step, every=8):
         while not run.done:
             run.advance()
             rows += [segment.rows for segment in run.segments]
-            times.append(run._motion[-3])
+            times.append(run.motion[-3])
             places.append(run.state()[0] + run.model.static_equilibrium)
     return np.array(times), np.array(places), np.concatenate(rows)
 

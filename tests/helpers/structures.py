@@ -26,7 +26,7 @@ def drawn(seed, rayleigh=False):
     root = rng.normal(size=(3, 3)) * 0.05 * np.sqrt(n) / scale
     stiffness, *rows = static_modes(root @ root.T, float(own.stiffness.max()))
     rows = dict(zip(("normal", "tangential", "load"), rows, strict=True))
-    rows |= dict.fromkeys(("damping", "inertia", "output"), np.zeros(2)) | {"stiffness": stiffness}
+    rows |= dict.fromkeys(("damping", "inertia", "output", "struck"), np.zeros(2)) | {"stiffness": stiffness}
     rows = {name: np.append(getattr(own, name), row) for name, row in rows.items()}
     return replace(own, static=2, **rows), scale
 

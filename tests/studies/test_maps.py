@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from fivcore import Rig, Scene, flutter_onsets, glued_frequencies, painleve_mu, sliding_modes
+from fivcore import Rig, Scene, flutter_onsets, glued_frequencies, limit_cycle, painleve_mu, sliding_modes
 from studies import registry, results, runner, summary
 from studies.gallery import maps
 from studies.motion import ensemble, run
@@ -147,3 +147,16 @@ def test_wrong_input_is_one_line_that_names_the_option(how, message):
     with pytest.raises(ValueError, match=message) as refused:
         maps.plan(**{"x": "theta=0:10:3", "y": "mu=0:0.4:3"} | how)
     assert "\n" not in str(refused.value)
+
+
+def test_limit_cycles_are_mapped_in_their_own_units():
+    """The vibration at 9 N, and none where sliding is all there is."""
+    names = "limit_cycle_frequency,limit_cycle_rms,limit_cycle_stable"
+    how = {"mu": 0.12, "d2": 1e-6, "duration": 0.6}
+    _, data = mapped("V=1e-3,2e-3", None, names, fix=how)
+    cycle = limit_cycle(Scene(2e-3, 5.0, 0.12, 9.0, Rig(d2=1e-6)), duration=0.6)
+    assert data["limit_cycle_frequency"].values == pytest.approx([cycle.frequency, cycle.frequency], rel=1e-5)
+    assert data["limit_cycle_rms"].values[1] == pytest.approx(cycle.summary["velocity_rms"], rel=1e-5)
+    assert data["limit_cycle_stable"].values.tolist() == [1.0, 1.0]
+    _, none = mapped("mu=0.05,0.06", None, "limit_cycle_frequency", fix={"duration": 0.3})
+    assert none["limit_cycle_frequency"].isnull().all()

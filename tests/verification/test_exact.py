@@ -216,9 +216,8 @@ class Landing(ExactRun):
         before = float(self.record["impact"][0])
         super()._decide(t, y, was, touchdown)
         if touchdown:
-            now = self._motion[:-7].copy()
-            T_N = self._sticking_force(t, now)
-            N = self._slipping_force(*T_N, bool(T_N[1] > 0.0), 0.0)
+            now = self.motion[:-7].copy()
+            N, _ = self._forces(t, now, self.which)
             self.landings.append((t, closing, float(self.record["impact"][0]) - before, N))
 
 

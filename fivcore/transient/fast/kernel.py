@@ -179,7 +179,7 @@ def holding(scene: Any, vN: float, vT: float) -> Any:
 
 @called
 def going_on(scene: Any, law: Any, vN: float, vT: float, slip_rate: float) -> Any:
-    """Slip speed (negative: it has passed zero) and N of a rigid contact that goes on slipping at `slip_rate`."""
+    """Slip speed and N of a rigid contact that keeps slipping; negative: the speed passed zero."""
     way = np.sign(scene.last_T)
     if len(law) > 0:
         speed, N, _, _ = falling(scene, law, 0.0, 0.0, vN, vT, way, slip_rate)
@@ -200,8 +200,8 @@ def crossing(before: float, after: float) -> float:
 def locate(scene: Any, law: Any, was: int, p: float, N: float, vN: float, vT: float, slip_rate: float) -> float:
     """Share of the time from the last impulse to this one after which a rigid contact left the status `was`.
 
-    Linear in what ends it: penetration; in stick N, or mu N - |T| of the forces that hold it, known midway between
-    impulses; in slip N or its speed, if it goes on from `slip_rate`.
+    By linear interpolation of what ends the status: the penetration; in stick N, or mu N - |T| of the holding
+    forces, which are known midway between impulses; in slip N, or the speed if slip continues from `slip_rate`.
     """
     if was == SEPARATION:
         return crossing(scene.last_p, p)
@@ -408,9 +408,8 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                 scene.impact -= step * (N * mean_N + (T * mean_T if contact == STICK else 0.0))
             else:
                 slip_rate = mean_T + rate_T
-            scene.termination += step * (
-                C_NN * mean_N * mean_N - 2.0 * C_NT * mean_N * rate_T + dashpot * rate_T * rate_T
-            )
+            lost = C_NN * mean_N * mean_N - 2.0 * C_NT * mean_N * rate_T + dashpot * rate_T * rate_T
+            scene.termination += step * lost
             scene.work += step * (T * drive)
             if contact == SLIP:
                 scene.friction -= step * (T * slip_rate)
@@ -432,8 +431,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
                 sticks[place, 0], sticks[place, 1] = scene.last_stick, t
             if contact == SEPARATION and scene.until_open != 0:
                 scene.stopped = 1
-            if scene.settled_from < np.inf:
-                scene.settle = first_counted(scene.settled_from, step, 0.5)
+            scene.settle = first_counted(scene.settled_from, step, 0.5)
             scene.next_skip = layout.NEVER
             if contact == STICK and scene.may_skip != 0:
                 scene.next_skip = scene.next_sample + layout.MIN_SAMPLES * scene.sample_every

@@ -57,10 +57,8 @@ def conclude(run: Any) -> None:
 
 def _enter(run: Any, fine: Solver) -> None:
     """Go on with more modes and finer steps."""
-    coarse, now = run.coarse, run.now
-    q, v = run.between(coarse)
-    state = prolong(coarse, fine, q, v, run.u)
-    run.change_to(fine, state, now * run.step)
+    now, (q, v) = run.now, run.between(run.coarse)
+    run.change_to(fine, prolong(run.coarse, fine, q, v, run.u), now * run.step)
     run.record["now"] = now * FINER
     run.phase, run.segment_end = CLOSED, 0
     run.phase_end = (now + round(LONGEST / run.step)) * FINER
@@ -70,8 +68,7 @@ def _leave(run: Any) -> None:
     """Go on with the modes and steps of the run."""
     fine, now, touches = run.solver, run.now, bool(run.record["contact"] != SEPARATION)
     q, v = run.between(fine)
-    state = restrict(fine, run.coarse, q, v, run.u, touches)
-    run.change_to(run.coarse, state, now * run.step)
+    run.change_to(run.coarse, restrict(fine, run.coarse, q, v, run.u, touches), now * run.step)
     run.record["now"], run.phase, run.segment_end = now, MOTION, 0
 
 
@@ -92,7 +89,8 @@ def finer_solver(scene: Normalised, step: float, options: Options) -> Solver | N
     model, step, fall = modified(model, options.modify), step / FINER, -scene.mu * scene.friction.slope(0.0)
     if step > model.largest_step or scene.mu >= model.painleve_mu(step):
         return None
-    return solver_of(model, step) if not fall or fall < model.steepest_fall(step, scene.mu) else None
+    unique = not fall or fall < model.discrete(step).slip.steepest_fall(scene.mu)
+    return solver_of(model, step) if unique else None
 
 
 def prolong(few: Solver, many: Solver, q: Array, v: Array, u: Array) -> tuple[Array, Array, Array]:
@@ -116,6 +114,6 @@ def restrict(many: Solver, few: Solver, q: Array, v: Array, u: Array, touches: b
     force = many.contact.stiffness @ u if touches else np.zeros(2)
     still = q - many.between_impulses(force)
     lost = model.shapes[:, ~common] @ (still + model.static_equilibrium)[~common]
-    # Each u includes the compliance defect of its own step (`fivcore.contact.impulse`).
+    # Each u includes the compliance defect of its own step (`fivcore.contact.law`).
     defect = (few.contact.defect - many.contact.defect) @ force
     return still[common] + few.between_impulses(force), v[common], u + lost + defect

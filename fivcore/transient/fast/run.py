@@ -2,17 +2,15 @@
 
 `FastRun` keeps the state of one scene and takes it through the stages of a run, a segment at a time: the ramp of
 the drive, the onset with a finer model (`onset`), sticks that are skipped (`skip`), and the end where steady
-sliding is proved to last (`ending`).
+sliding is proved to last (`steady`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fivcore.beams.modes import propagator
 from fivcore.contact.reduced import ReducedModel, modified, reduced_model
@@ -20,24 +18,15 @@ from fivcore.contact.step_map import at_most, largest_stable_step, stable
 from fivcore.errors import SceneValueError, not_unique
 from fivcore.jit import Array
 from fivcore.rig import Rig
-from fivcore.transient.fast import ending, layout, onset, skip
+from fivcore.transient import statistics
+from fivcore.transient.fast import layout, onset, skip, steady
 from fivcore.transient.fast.kernel import advance
 from fivcore.transient.fast.onset import BEFORE_SLIP, CLOSED, MOTION, OPENED, RAMP
 from fivcore.transient.fast.solver import Solver, put, solver_of, take
-from fivcore.transient.fast.steady import sliding_growth
 from fivcore.transient.normalised import Normalised, State, displacement, residual_gaps, slip_distance
 from fivcore.transient.options import RunOptions
-from fivcore.transient.statistics import (
-    FIELDS,
-    SAMPLE,
-    SEPARATION,
-    STICK,
-    Segment,
-    count_in,
-    first_counted,
-    room_for_sticks,
-)
-from fivcore.transient.stepped import duplicate
+from fivcore.transient.statistics import SEPARATION, STICK, Segment, count_in, first_counted, room_for_sticks
+from fivcore.transient.stepped import Run
 
 # Segments, s: where motion may settle, which is examined after each, and elsewhere.
 SHORT_SEGMENT, LONG_SEGMENT = 0.04, 0.25
@@ -47,31 +36,25 @@ MOST_STEPS, MOST_ROOM = 1_000_000, 1e8
 FAST_DECAY = 0.25
 
 
-class FastRun:
-    """One run in progress; `begun` is its start, s, if it continues another run.
+class FastRun(Run):
+    """One run in progress.
 
-    What changes on the way: the motion in `record`, `blocks` and `tangent`; `shift`, the modes' equilibrium in an
-    accelerating frame; the model in use, `solver`; `phase` and the step at which it ends if nothing ends it
-    before, `phase_end`; the segment's end, which a record may cut into several, its length, s, and whether energy
-    is counted in every step, `segment_end`, `length` and `_fine_energy`; where the run pauses and ends, `pause`
-    and `steps`; and whether it may end early, `may_settle`. A copy (`stepped.duplicate`) goes on alike.
+    These change during a run: `record`, `blocks` and `tangent` (the motion), `shift` (the modes' equilibrium in an
+    accelerating frame), `solver` (the model in use), `phase` and `phase_end` (its last step at most); of a segment
+    `segment_end`, `length` (s) and `_fine_energy` (energy is counted in every step); `pause` and `steps` (where it
+    pauses and ends) and `may_settle`. A copy (`stepped.duplicate`) continues in the same way.
     """
 
-    begun = 0.0
-
     def __init__(self, scene: Normalised, options: RunOptions) -> None:
-        self.scene, self.options = scene, options
-        model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
-        self.step = checked_step(model, scene, options)
-        # The run goes no further than to step `pause`, which may move.
-        self.pause = self.steps = max(round(options.duration / self.step), 1)
+        self.model = model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
+        super().__init__(scene, options, checked_step(model, scene, options), 0.0, layout.SCENE)
         # A ramp shorter than a step is none.
         starts = options.initial is None or not options.initial.running
         self.ramp = options.ramp if starts and options.ramp >= self.step else 0.0
         law, distance = scene.friction, slip_distance(scene)
         self.kinetic, self._law = scene.mu * law.ratio(scene.speed_per_load), () if law.constant else law.law
-        self._refines = options.cutoff is None and options.initial is None and bool(model.K.any())
-        self._refines = self._refines and isinstance(scene.rig, Rig)
+        default = options.cutoff is None and options.initial is None
+        self._refines = default and bool(model.K.any()) and isinstance(scene.rig, Rig)
         self.lead = 1.0 - min(onset.LEAD * scene.speed_per_load / distance, 1.0) if distance > 0.0 else 0.0
         self.sample_every = max(round(model.interval / self.step), 1)
         self.row_every = options.rows(self.step)[0]
@@ -80,22 +63,12 @@ class FastRun:
         self.short, self.long = SHORT_SEGMENT * scene.rig.time_scale, LONG_SEGMENT * scene.rig.time_scale
         self.length, self._fine_energy = self.short, False
         self.phase, self.phase_end, self.segment_end = RAMP, int(self.ramp / self.step), 0
-        self.segments: Iterable[Segment] = ()
-        self.record = options.record_of(scene, layout.SCENE)
         # A deviation that follows the motion (`kernel.advance`).
         self.tangent: Any = ()
         self.solver = self.coarse = solver_of(model, self.step)
-        self.blocks = aligned(self.solver.blocks)
         self._start(options.initial)
         if not self.phase_end:
             self._end_ramp()
-
-    # State.
-
-    @property
-    def model(self) -> ReducedModel:
-        """The model in use."""
-        return self.solver.model
 
     @property
     def models(self) -> list[tuple[float | None, ReducedModel]]:
@@ -106,17 +79,12 @@ class FastRun:
     @cached_property
     def growing(self) -> Array:
         """Frequencies of growing motions about steady sliding, Hz; empty where no onset is computed."""
-        return sliding_growth(self.scene, self.coarse.model, self.step) if self._refines else np.zeros(0)
+        return steady.sliding_growth(self.scene, self.coarse.model, self.step) if self._refines else np.zeros(0)
 
     @cached_property
     def fine(self) -> Solver | None:
         """Solver of the onset; None where there is none. Growth in the finer model alone starts no vibration."""
         return onset.finer_solver(self.scene, self.step, self.options) if len(self.growing) else None
-
-    @property
-    def places(self) -> NDArray[np.int64]:
-        """Places of the modes in rows of `blocks`, (n,)."""
-        return self.solver.places
 
     def values(self, row: int) -> Array:
         """A row of the modes in `blocks`, (n,)."""
@@ -124,18 +92,15 @@ class FastRun:
 
     def _start(self, initial: State | None) -> None:
         model, scene, solver = self.model, self.scene, self.solver
-        u: Array = np.zeros(2)
+        q, v = np.zeros((2, len(model.normal)))
+        u: Array = solver.contact.flexibility[0]
         contact = self.options.contact
-        if initial is None:
-            q, v = (np.zeros(len(model.normal)) for _ in range(2))
-            u = solver.contact.flexibility[0]
-        else:
+        if initial is not None:
             q = initial.displacement[model.kept] - model.static_equilibrium
             v = initial.velocity[model.kept].copy()
-            if model.K.any():
-                u = residual_gaps(scene, model.kept, initial)
-                if contact != SEPARATION:
-                    u = solver.contact.flexibility @ (model.K @ u)
+            u = residual_gaps(scene, model.kept, initial) if model.K.any() else np.zeros(2)
+            if contact != SEPARATION:
+                u = solver.contact.flexibility @ (model.K @ u)
         # Within the ramp coordinates are deviations from the equilibrium in the accelerating frame.
         self.shift = np.zeros(len(q))
         if initial is not None and initial.running:
@@ -163,13 +128,10 @@ class FastRun:
 
     def resumed(self, options: RunOptions) -> FastRun:
         """Return a run that continues this one after its end."""
-        run: FastRun = duplicate(self)
-        run.blocks, run.options, run.begun = aligned(self.blocks), options, self.time
-        run.pause = run.steps = self.now + max(round(options.duration / self.step), 1)
-        run.row_every = options.rows(self.step)[0]
+        run: FastRun = super().resumed(options)
+        run.blocks, run.row_every = aligned(self.blocks), options.rows(self.step)[0]
         run.may_settle = options.end_early and bool(self.model.K.any()) and self.scene.friction.constant
-        run._first_energy = self.stored_energy()
-        run._set_settle(options.record_of(self.scene, None, run.record, self.time))
+        run.record["settle"] = first_counted(run.record["settled_from"][0], run.solver.step, 0.5)
         return run
 
     def state(self) -> tuple[Array, Array, Array]:
@@ -186,21 +148,18 @@ class FastRun:
             u = np.linalg.solve(K, force) - 0.5 * solver.step * rates
         return q + self.shift - solver.between_impulses(force), v, np.asarray(u)
 
-    def _set_settle(self, record: Any) -> None:
-        settled = float(record["settled_from"][0])
-        record["settle"] = first_counted(settled, self.solver.step, 0.5) if settled < np.inf else 0
-
     def _use(self, solver: Solver) -> None:
         """Go on with a solver; the record keeps what belongs to the run."""
         old, self.record = self.record, solver.record.copy()
-        for name in [name for name, _ in FIELDS] + ["contact", "u_N", "u_T", "anchor", "now", "settle"]:
+        for name in [name for name, _ in statistics.FIELDS] + ["contact", "u_N", "u_T", "anchor", "now"]:
             self.record[name] = old[name]
         record = self.record
-        self.solver, self.blocks = solver, aligned(solver.blocks)
+        self.solver, self.model, self.places = solver, solver.model, solver.places
+        self.blocks = aligned(solver.blocks)
         record["mu"], record["kinetic"] = self.scene.mu, self.kinetic if not self._law else self.scene.mu
         record["speed"], record["ramp"] = self.scene.speed_per_load, self.ramp
         record["acceleration"] = self.scene.speed_per_load / self.ramp if self.ramp > 0.0 else 0.0
-        self._set_settle(record)
+        record["settle"] = first_counted(record["settled_from"][0], solver.step, 0.5)
 
     def place(self, q: Array, v: Array) -> None:
         """Put the modes where they are before an impulse."""
@@ -213,8 +172,6 @@ class FastRun:
             record[name] = np.nan
         record["p_rest"] = self.solver.at_rest[0]
         record["T_rest"] = self.solver.at_rest[1] + model.tangential @ self.shift
-
-    # Segments.
 
     @property
     def finer(self) -> int:
@@ -231,11 +188,6 @@ class FastRun:
         """Time up to which the run has come, s."""
         return float(self.record["now"][0]) * self.solver.step
 
-    @property
-    def done(self) -> bool:
-        """Whether the run has come to its end."""
-        return self.now >= self.steps
-
     def advance(self) -> None:
         """Go on to the end of the next segment and leave in `segments` what happened there."""
         phase, record = self.phase, self.record[0]
@@ -243,7 +195,7 @@ class FastRun:
         onset.prepare(self)
         tables = skip.prepare(self)
         every = int(record["sample_every"])
-        samples = np.empty((count_in(begun, last, every), SAMPLE))
+        samples = np.empty((count_in(begun, last, every), statistics.SAMPLE))
         rows = np.empty((count_in(begun, last, int(record["row_every"])), 6))
         sticks, modes = np.empty((int(record["stick_room"]), 2)), self.blocks.ravel()
         kernel = tables, skip.workspace_for(tables), self._law, self.tangent
@@ -258,7 +210,7 @@ class FastRun:
         if record["stopped"]:
             self.segment_end = 0
         if self.record["now"] >= self.segment_end and not {phase, self.phase} & {CLOSED, OPENED}:
-            ending.conclude(self, phase, segment)
+            steady.conclude(self, phase, segment)
 
     def _plan(self) -> tuple[int, int]:
         """Plan the next segment; return the first step and the one after the last."""
@@ -295,8 +247,6 @@ class FastRun:
         last = (now // grid + (1 if now % grid else max(length // grid, 1))) * grid
         return min(last, self.phase_end) if self.phase == RAMP else last
 
-    # The ramp.
-
     def _end_ramp(self) -> None:
         """Stop the acceleration of the clamp, between the impulses of two steps."""
         self.phase = BEFORE_SLIP if self._refines else MOTION
@@ -321,12 +271,10 @@ class FastRun:
         self._use(solver)
         self.shift = np.zeros(len(q))
         self.place(*_move(solver.model, q, v, 0.5 * solver.step))
-        # Stick, if it goes on, holds the surfaces where they are at the next impulse.
+        # A contact that sticks holds the surfaces at their place of the next impulse.
         drive = displacement(np.array(t + 0.5 * solver.step), self.scene.speed_per_load, self.ramp)
         shifted = float(self.record["g_T"][0]) + solver.at_rest[1] - float(drive)
         self.record["u_N"], self.record["u_T"], self.record["anchor"] = *u, u[1] + shifted
-
-    # Energy.
 
     @property
     def u(self) -> Array:
@@ -345,10 +293,6 @@ class FastRun:
     def _energy_of(self, q: Array, v: Array, u: Array) -> float:
         model, K = self.model, self.solver.contact.stiffness
         return float(0.5 * np.sum(v**2 + model.stiffness * q**2) + model.normal @ q + 0.5 * u @ K @ u)
-
-    def released_energy(self) -> float:
-        """Decrease of the stored energy since the start, normalised."""
-        return self._first_energy - self.stored_energy()
 
     def flush(self, floor: float) -> bool:
         """Set what is far below every scale to zero; False where a number is not finite."""
@@ -402,10 +346,10 @@ def default_step(model: ReducedModel, scene: Normalised, duration: float) -> flo
 def check_falling(model: ReducedModel, scene: Normalised, step: float) -> None:
     """Raise where friction falls so steeply that under the load slip is not unique in a step."""
     fall = -scene.mu * scene.friction.slope(0.0)
-    if not fall or fall < (most := model.steepest_fall(step, scene.mu)):
+    if not fall or fall < (most := model.discrete(step).slip.steepest_fall(scene.mu)):
         return
     steps = model.largest_step * 0.5 ** np.arange(0.0, 20.0, 0.25)
-    for allowed in steps[[fall < model.steepest_fall(each, scene.mu) for each in steps]][:1]:
+    for allowed in steps[[fall < model.discrete(each).slip.steepest_fall(scene.mu) for each in steps]][:1]:
         raise SceneValueError(
             f"step = {step:g}: friction falls so steeply with speed that it must be at most"
             f" {at_most(allowed, 3)} s; beyond, slip is not unique within a step"

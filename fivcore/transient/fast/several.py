@@ -13,7 +13,7 @@ from warnings import warn
 import numpy as np
 
 from fivcore.beams.modes import one_blas_thread, propagator
-from fivcore.contact.impulse import between_impulses
+from fivcore.contact.law import between_impulses
 from fivcore.contact.reduced import ReducedModel, modified, reduced_model
 from fivcore.contact.several import step_matrices
 from fivcore.contact.step_map import at_most
@@ -21,11 +21,11 @@ from fivcore.errors import ContactError, SceneValueError, not_unique
 from fivcore.jit import Array
 from fivcore.transient.fast import several_kernel as kernels
 from fivcore.transient.fast.run import FAST_DECAY, least_step
-from fivcore.transient.fast.several_kernel import Law, Motion, start, take_steps
+from fivcore.transient.fast.several_kernel import Law, Motion, take_steps
 from fivcore.transient.normalised import Normalised, State, residual_gaps, status_of_all
 from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, first_counted
-from fivcore.transient.stepped import SteppedRun
+from fivcore.transient.stepped import Run
 
 # Steps of a segment; share of steps without a solution that is an error; contacts above which runs are slow.
 SEGMENT, MOST_UNSOLVED, MANY = 20_000, 1e-3, 20
@@ -37,8 +37,8 @@ SCENE = np.dtype([
 ])  # fmt: skip
 
 
-class SeveralRun(SteppedRun):
-    """One run in progress; `counts`: Newton steps, rows replaced, lost pivots, steps by Gauss-Seidel, unsolved."""
+class SeveralRun(Run):
+    """One run in progress; `counts`: Newton steps, factorisations, lost pivots, Gauss-Seidel, unsolved steps."""
 
     READ_AT = 0.5
 
@@ -87,16 +87,14 @@ class SeveralRun(SteppedRun):
             # Stick holds the surfaces where they are at the first impulse.
             u[c:] -= 0.5 * step * (model.tangential @ rates - speed) * model.K.any()
             anchor = u[c:] + model.tangential @ moved + law.at_rest[c:] - 0.5 * step * speed
-        work, rows = np.zeros((14, 2 * c)), np.concatenate([np.arange(c), c + np.arange(c)])
-        matrix = law.matrix[np.append(np.full(c, STICK), status), rows]
-        held, counters = np.zeros(c, np.int64), np.zeros((c, kernels.COUNTERS))
+        matrix = law.matrix[np.append(np.full(c, STICK), status), np.arange(2 * c)]
+        work, places, counters = np.zeros((11, 2 * c)), np.zeros((2, 2 * c), int), np.zeros((c, kernels.COUNTERS))
         self.motion = Motion(
             moved, rates, u, force, model.shapes @ rates, anchor, np.zeros(c), status.astype(np.int64),
-            status.astype(np.int64), held, counters, matrix.copy(), np.eye(2 * c), work, np.zeros(n),
+            status.astype(np.int64), counters, matrix.copy(), np.eye(2 * c), work, places, np.zeros(n),
         )  # fmt: skip
         self._place_shift()
         self.record["contact"] = status_of_all(status)
-        start(law, self.motion, self.counts)
 
     def _place_shift(self) -> None:
         """Let gaps at rest be those of the accelerating frame."""

@@ -9,9 +9,9 @@ and Q = S + a M, the law of a contact is
     slip     T = s m N while s ((Q f)_T - (u_T - a v_T)) <= 0, s the sign of T
 
 Newton's method on the statuses (Alart and Curnier, Comput. Methods Appl. Mech. Eng. 92, 1991, 353-375) solves it:
-the inverse of the matrix whose rows a status selects is kept, and a status that changes replaces a row of it
-(Sherman and Morrison). Friction makes it cycle at times: then projected Gauss-Seidel, contact by contact, finds
-the status. All pivots are positive where the forces are unique.
+the statuses select equations, whose factors are kept until one of them changes. Friction makes it cycle at times:
+then a few sweeps of projected Gauss-Seidel, contact by contact, give it other statuses. All pivots are positive
+where the forces are unique.
 """
 
 from __future__ import annotations
@@ -22,19 +22,16 @@ import numpy as np
 
 from fivcore.friction import slip_speed
 from fivcore.jit import Array, called, inlined, kernel, reordered
-from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, enter
+from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, count_step, enter, first_counted
 
 # Statuses: those of a record, and slip with T < 0.
 DOWN = 3
 # Most steps of Newton's method; most sweeps of Gauss-Seidel, the change in units of the largest force at which
 # they end, and that above which a step counts as unsolved.
-NEWTON, SWEEPS, SETTLED, UNSOLVED = 12, 100, 1e-12, 1e-7
-# Newton's method, and so often less one Gauss-Seidel and again Newton's from the statuses that it found.
-ATTEMPTS = 6
-# Least pivot, and rows that are replaced before the inverse is made anew.
-LEAST_PIVOT, REPLACED = 1e-14, 4000
-# Most refinements of a solution, and the share of the largest force that is rounding.
-REFINED, ROUNDING = 4, 1e-13
+NEWTON, SWEEPS, SETTLED, UNSOLVED = 6, 100, 1e-12, 1e-7
+# Newton's method, and so often less one a few sweeps and again Newton's from the statuses that they found.
+ATTEMPTS, FEW = 12, 6
+LEAST_PIVOT = 1e-14
 # Columns of the counters of a contact.
 STICK_TIME, SLIP_TIME, OPEN_TIME, SUM_N, MAX_N, SWITCHES, MAX_SLIP = range(7)
 COUNTERS = 7
@@ -81,16 +78,16 @@ class Motion(NamedTuple):
     after: Array
     anchor: Array
     slip: Array
-    # Status, that before, that of which `inverse` is, (c,); counters (c, COUNTERS).
+    # Status and that before, (c,); counters (c, COUNTERS).
     status: Any
     was: Any
-    held: Any
     counters: Array
-    # Q by the present statuses, (2c, 2c), and the inverse.
+    # Q by the present statuses, and the factors of the selected equations, (2c, 2c).
     matrix: Array
-    inverse: Array
+    factors: Array
     # Work arrays: (2c,) each in rows, and (m,).
     work: Array
+    places: Any
     push: Array
 
 
@@ -149,57 +146,82 @@ def observe(output: Any, damping: Any, v: Any, push: Any) -> Any:
 
 
 @reordered
-def replace_row(inverse: Any, k: int, row: Any, work: Any) -> bool:
-    """Make `inverse` that of the matrix with `row` in place of row k; False if its pivot is not positive."""
-    n = len(row)
-    work[:] = 0.0
-    for i in range(n):
-        if row[i] != 0.0:
-            for j in range(n):
-                work[j] += row[i] * inverse[i, j]
-    pivot = work[k]
-    if not pivot > LEAST_PIVOT:
-        return False
-    work[k] -= 1.0
-    for i in range(n):
-        share = inverse[i, k] / pivot
-        if share != 0.0:
-            for j in range(n):
-                inverse[i, j] -= share * work[j]
+def factor(matrix: Any, kinetic: Any, status: Any, factors: Any, mine: Any, slides: Any, share: Any) -> bool:
+    """Set `factors` to those of the equations that statuses select; False if a pivot is not positive.
+
+    Unknown are N of what touches, with T = m N in slip, and T of what sticks. Row by row, without pivoting; the
+    inverse pivots are on the diagonal. `mine`, `slides` and `share` are work arrays: the columns of the unknowns.
+    """
+    c, count = len(status), 0
+    for place in range(2 * c):
+        i = place % c
+        if status[i] == STICK or (status[i] != SEPARATION and place < c):
+            mine[count], slides[count], share[count] = place, c + i, 0.0
+            if status[i] != STICK:
+                share[count] = kinetic[i] if status[i] == SLIP else -kinetic[i]
+            count += 1
+    for size in range(count):
+        row, of = factors[size], matrix[mine[size]]
+        for j in range(count):
+            row[j] = of[mine[j]] + share[j] * of[slides[j]]
+        for k in range(size):
+            part = row[k] * factors[k, k]
+            row[k] = part
+            for j in range(k + 1, count):
+                row[j] -= part * factors[k, j]
+        if not row[size] > LEAST_PIVOT:
+            return False
+        row[size] = 1.0 / row[size]
     return True
 
 
-@called
-def follow(inverse: Any, matrix: Any, held: Any, kinetic: Any, i: int, new: int, work: Any) -> int:
-    """Make the inverse that of contact i's new status; rows replaced, or -1 where a pivot is not positive."""
-    c, old, row, other = len(held), held[i], work[5], work[6]
-    done, fine = 1, True
-    if new != SEPARATION and old == SEPARATION:
-        row[:] = matrix[i]
-        fine, done = replace_row(inverse, i, row, other), 2
-    row[:] = 0.0
-    row[c + i] = 1.0
-    if new == STICK:
-        row[:] = matrix[c + i]
-    elif new != SEPARATION:
-        row[i] = -kinetic[i] if new == SLIP else kinetic[i]
-    fine = replace_row(inverse, c + i, row, other) and fine
-    if new == SEPARATION and old != SEPARATION:
-        row[:] = 0.0
-        row[i] = 1.0
-        fine, done = replace_row(inverse, i, row, other) and fine, 2
-    held[i] = new
-    return done if fine else -1
+@reordered
+def solve(factors: Any, kinetic: Any, status: Any, b: Any, x: Any, f: Any) -> None:
+    """Set the forces to those of the statuses of which `factors` are."""
+    c, count = len(status), 0
+    for place in range(2 * c):
+        i = place % c
+        if status[i] == STICK or (status[i] != SEPARATION and place < c):
+            total = b[place]
+            for j in range(count):
+                total -= factors[count, j] * x[j]
+            x[count] = total
+            count += 1
+    for i in range(count - 1, -1, -1):
+        total = x[i]
+        for j in range(i + 1, count):
+            total -= factors[i, j] * x[j]
+        x[i] = total * factors[i, i]
+    count = 0
+    for i in range(c):
+        f[i], f[c + i] = 0.0, 0.0
+        if status[i] != SEPARATION:
+            f[i] = x[count]
+            f[c + i] = 0.0 if status[i] == STICK else kinetic[i] * x[count] * (1.0 if status[i] == SLIP else -1.0)
+            count += 1
+    for i in range(c):
+        if status[i] == STICK:
+            f[c + i] = x[count]
+            count += 1
+
+
+@reordered
+def product(row: Any, f: Any) -> float:
+    """Sum of the products of a row and the forces."""
+    total = 0.0
+    for j in range(len(f)):
+        total += row[j] * f[j]
+    return total
 
 
 @called
-def gauss_seidel(law: Any, motion: Any, b: Any) -> float:
+def gauss_seidel(law: Any, motion: Any, b: Any, sweeps: int) -> float:
     """Solve a step contact by contact from the present forces; the last change in units of the largest force."""
     A, f, was, status, slip, mu, kinetic = (
         motion.matrix, motion.force, motion.was, motion.status, motion.slip, law.mu, law.kinetic
     )  # fmt: skip
     c, change, per = len(mu), np.inf, law.unit / law.late
-    for _ in range(SWEEPS):
+    for _ in range(sweeps):
         change, size = 0.0, 0.0
         for i in range(c):
             t = c + i
@@ -243,39 +265,23 @@ def others(A: Any, f: Any, b: Any, i: int, t: int) -> Any:
 
 @inlined
 def newton(
-    inverse: Any, matrix: Any, b: Any, eligible: Any, mu: Any, kinetic: Any, was: Any, status: Any, held: Any,
-    f: Any, right: Any, y: Any, more: Any, work: Any, counts: Any,
+    factors: Any, matrix: Any, b: Any, eligible: Any, mu: Any, kinetic: Any, was: Any, status: Any, f: Any, x: Any,
+    mine: Any, slides: Any, share: Any, stale: bool, counts: Any,
 ) -> bool:  # fmt: skip
-    """Solve a step by its statuses; False if they do not settle."""
+    """Solve a step by its statuses; False if they do not settle. `stale`: `factors` are of others."""
     c = len(mu)
     for _ in range(NEWTON):
         counts[0] += 1
-        for i in range(c):
-            right[i] = b[i] if status[i] != SEPARATION else 0.0
-            right[c + i] = b[c + i] if status[i] == STICK else 0.0
-        multiply(inverse, right, f)
-        multiply(matrix, f, y)
-        for _ in range(REFINED):
-            # Replaced rows leave rounding in the inverse, much of it where contacts hardly differ.
-            worst, size = 0.0, 0.0
-            for i in range(c):
-                t, m = c + i, kinetic[i] if status[i] == SLIP else -kinetic[i]
-                right[i] = b[i] - y[i] if status[i] != SEPARATION else -f[i]
-                right[t] = b[t] - y[t] if status[i] == STICK else -f[t]
-                right[t] += m * f[i] if status[i] >= SLIP else 0.0
-                worst, size = max(worst, abs(right[i]), abs(right[t])), max(size, abs(f[i]))
-            if worst <= ROUNDING * size:
-                break
-            multiply(inverse, right, more)
-            for k in range(2 * c):
-                f[k] += more[k]
-            multiply(matrix, f, y)
-        moved = False
+        if stale:
+            counts[1] += 1
+            counts[2] += not factor(matrix, kinetic, status, factors, mine, slides, share)
+        solve(factors, kinetic, status, b, x, f)
+        stale = False
         for i in range(c):
             now, t = status[i], c + i
             new = now
             if now == SEPARATION:
-                if eligible[i] != 0.0 and b[i] > y[i]:
+                if eligible[i] != 0.0 and b[i] > product(matrix[i], f):
                     new = STICK
             elif not f[i] > 0.0:
                 new = SEPARATION
@@ -283,52 +289,24 @@ def newton(
                 m = mu[i] if was[i] == STICK else kinetic[i]
                 if abs(f[t]) > m * f[i]:
                     new = SLIP if f[t] > 0.0 else DOWN
-            elif (b[t] < y[t]) == (now == SLIP):
+            elif (b[t] < product(matrix[t], f)) == (now == SLIP):
                 new = STICK
             if new != now:
-                moved, status[i] = True, new
-        if not moved:
+                stale, status[i] = True, new
+        if not stale:
             return True
-        for i in range(c):
-            if status[i] != held[i]:
-                done = follow(inverse, matrix, held, kinetic, i, status[i], work)
-                counts[1] += max(done, 0)
-                if done < 0:
-                    return False
     return False
 
 
 @called
-def renew(law: Any, motion: Any, counts: Any) -> None:
-    """Make the inverse anew for the present statuses and matrix."""
-    motion.inverse[:] = 0.0
-    for i in range(len(motion.inverse)):
-        motion.inverse[i, i] = 1.0
-    motion.held[:] = SEPARATION
-    counts[1], counts[2] = 0, counts[2] + (not update(law, motion))
-
-
-@called
-def update(law: Any, motion: Any) -> bool:
-    """Let the inverse be that of the present statuses; False if a pivot is not positive."""
-    fine, inverse, matrix, held = True, motion.inverse, motion.matrix, motion.held
-    for i in range(len(held)):
-        if motion.status[i] != held[i]:
-            fine = follow(inverse, matrix, held, law.kinetic, i, motion.status[i], motion.work) > 0 and fine
-    return fine
-
-
-@called
-def relax(law: Any, motion: Any, b: Any, eligible: Any, before: Any, counts: Any) -> float:
+def relax(law: Any, motion: Any, b: Any, eligible: Any, before: Any, sweeps: int) -> float:
     """Solve a step by Gauss-Seidel, from forces that become those found; the last change of them."""
     motion.force[:] = before
     for i in range(len(law.mu)):
         if eligible[i] == 0.0:
             b[i] = -1e300
-    change = gauss_seidel(law, motion, b)
+    change = gauss_seidel(law, motion, b, sweeps)
     before[:] = motion.force
-    if not law.falls:
-        renew(law, motion, counts)
     return change
 
 
@@ -336,17 +314,17 @@ def relax(law: Any, motion: Any, b: Any, eligible: Any, before: Any, counts: Any
 def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any, rows: Any, sticks: Any) -> None:
     """Take a scene to its next pause, as `fast.kernel.advance` does.
 
-    `counts` are Newton steps, rows replaced, pivots lost, steps by Gauss-Seidel, and unsolved ones.
+    `counts` are Newton steps, factorisations, pivots lost, steps by Gauss-Seidel, and unsolved ones.
     """
     # Fields of tuples are read once: each reading counts references.
     (
         gaps, flow, output, damping, flexibility, delassus, by_status, unit, times,
         rest, at_rest, closed, mu, kinetic, falls, _, h, keep, _, rigid,
     ) = law  # fmt: skip
-    q, v, u, f, after, anchor, slip, status, was, held, counters, matrix, inverse, work, push = motion
-    g, r, b, mean, right, y, last, more = work[0], work[1], work[2], work[3], work[4], work[7], work[8], work[13]
-    share, impulse, base, eligible = work[9], work[10], work[11], work[12]
-    scene, c, gone = scenes[0], len(mu), 1.0 - keep
+    q, v, u, f, after, anchor, slip, status, was, counters, matrix, factors, work, places, push = motion
+    g, r, b, mean, x, last, part = work[0], work[1], work[2], work[3], work[4], work[5], work[6]
+    share, impulse, base, eligible, mine, slides = work[7], work[8], work[9], work[10], places[0], places[1]
+    scene, c, gone, stale = scenes[0], len(mu), 1.0 - keep, True
     # The load's share of the rates.
     multiply(delassus, rest, share)
     for now in range(scene.now, scene.last):
@@ -364,8 +342,7 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
             if old != was[i]:
                 matrix[k] = by_status[old, k]
                 was[i] = old
-                if status[i] == STICK and not falls:
-                    follow(inverse, matrix, held, kinetic, i, STICK, work)
+                stale |= old == STICK
             g[i], g[k] = at_rest[i] - g[i], g[k] + at_rest[k] - X
             r[i], r[k] = r[i] - share[i], r[k] - share[k] - drive
             eligible[i] = 1.0 if old != SEPARATION or g[i] > keep * u[i] else 0.0
@@ -378,20 +355,20 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
                 b[i] = g[i] - times[STICK] * r[i]
                 b[k] = (anchor[i] - g[k] if old == STICK else u[k]) - times[old] * r[k]
             b[i], b[k] = b[i] / unit, b[k] / unit
-        if counts[1] > REPLACED:
-            renew(law, motion, counts)
         for k in range(2 * c):
             last[k] = f[k]
         for attempt in range(ATTEMPTS):
             if falls or attempt > 0:
-                change = relax(law, motion, b, eligible, last, counts)
+                whole, stale = falls or attempt == ATTEMPTS - 1, True
+                change = relax(law, motion, b, eligible, last, SWEEPS if whole else FEW)
                 counts[3] += attempt < 2
-                if falls or change <= SETTLED or attempt == ATTEMPTS - 1:
+                if whole or change <= SETTLED:
                     counts[4] += change > UNSOLVED
                     break
             if newton(
-                inverse, matrix, b, eligible, mu, kinetic, was, status, held, f, right, y, more, work, counts
+                factors, matrix, b, eligible, mu, kinetic, was, status, f, x, mine, slides, part, stale, counts
             ):
+                stale = False
                 break
         multiply(delassus, f, mean)
         multiply(flexibility, f, base)
@@ -437,21 +414,14 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
         contact = SEPARATION if touching == 0 else SLIP if slips > 0 else STICK
         scene.any_open += h * (opens > 0)
         scene.all_stick += h * (opens + slips == 0)
-        scene.sum_N += h * sum_N
-        scene.max_N, scene.max_slip = max(scene.max_N, sum_N), max(scene.max_slip, abs(fastest))
-        if contact == STICK:
-            scene.stick_time += h
-        elif contact == SLIP:
-            scene.slip_time += h
-        else:
-            scene.separation_time += h
+        count_step(scene, contact, sum_N, abs(fastest), h)
         if contact != scene.contact:
             if enter(scene, scene.contact, contact, t):
                 place = scene.sticks - 1
                 sticks[place, 0], sticks[place, 1] = scene.last_stick, t
             scene.contact = contact
             if scene.settled_from < np.inf:
-                scene.settle = int(np.ceil(scene.settled_from / h - 0.5 - 1e-6))
+                scene.settle = first_counted(scene.settled_from, h, 0.5)
         kick(gaps, impulse, push)
         if now % scene.look_every == 0:
             speed, power = observe(output, damping, v, push)
@@ -472,9 +442,3 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
                 scene.rows += 1
         move(flow, push, q, v)
     scene.now = scene.last
-
-
-@kernel
-def start(law: Law, motion: Motion, counts: Any) -> None:
-    """Make the inverse of a motion at its start."""
-    renew(law, motion, counts)

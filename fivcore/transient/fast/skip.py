@@ -148,10 +148,8 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
         wide[:, :, :size] = rows.reshape(len(rows), 2, size)
         return wide.reshape(len(rows), -1)
 
-    plain, mixed = (
-        left @ by_vectors / (1.0 - np.outer(powers, z))
-        for left, powers in ((by_vectors.T, z), (by_vectors.conj().T, z.conj()))
-    )
+    plain = by_vectors.T @ by_vectors / (1.0 - np.outer(z, z))
+    mixed = by_vectors.conj().T @ by_vectors / (1.0 - np.outer(z.conj(), z))
     form = 0.5 * np.block([
         [plain.real + mixed.real, -plain.imag - mixed.imag],
         [-plain.imag + mixed.imag, mixed.real - plain.real],
@@ -207,7 +205,7 @@ def workspace_for(tables: SkipTables) -> tuple[Array, ...]:
 
 @reordered_call
 def multiply(matrix: Any, vector: Any, out: Any, more: float = 0.0) -> None:
-    """Write the product of a matrix and a vector, plus `more` times what is there."""
+    """Write the product of a matrix and a vector, plus `more` times the old content of `out`."""
     for i in range(len(matrix)):
         total = more * out[i] if more != 0.0 else 0.0
         for j in range(matrix.shape[1]):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore.beams.modes import one_blas_thread, propagator
-from fivcore.contact.impulse import between_impulses
+from fivcore.contact.law import between_impulses
 from fivcore.contact.reduced import ReducedModel
 from fivcore.jit import Array
 from fivcore.transient.fast import layout

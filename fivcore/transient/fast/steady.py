@@ -1,4 +1,4 @@
-"""Steady-state certificate: a proof that slip never ends and comes ever closer to steady sliding.
+"""Steady-state certificate: a proof that slip never ends and converges to steady sliding, by which a run ends.
 
 A step in slip maps x = (q, v, u_T) to M x + b (`fivcore.contact.step_map`), with the fixed point x*. With computed
 eigenvalues z and eigenvectors X of M, y = X^-1 (x - x*) becomes diag(z) y + E y, E = X^-1 (M X - X diag(z)). Let
@@ -10,7 +10,10 @@ that stick would need have T > mu N and T > 0: four readings.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
+from itertools import chain
+from typing import Any
 
 import numpy as np
 
@@ -18,8 +21,11 @@ from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.reduced import ReducedModel
 from fivcore.contact.step_map import eigenvectors, step_map
 from fivcore.jit import Array, Complex
+from fivcore.transient import statistics
+from fivcore.transient.fast import layout
+from fivcore.transient.fast.onset import RAMP
 from fivcore.transient.normalised import Normalised
-from fivcore.transient.statistics import SLIP
+from fivcore.transient.statistics import SLIP, Segment
 
 # A run ends where N, in units of F, and speeds, in units of V, stay so close to steady sliding: nine decades below
 # what could end slip. Rounding (1e-16 a step, over at most 1 / LEAST_DECAY steps) is therefore left out. With the
@@ -71,10 +77,6 @@ class SteadySliding:
         q, v = self.state[:-1].reshape(2, -1).copy()
         return q, v, np.array([self.readings(speed)[PENETRATION], self.state[-1]])
 
-    def row(self, speed: float) -> tuple[float, ...]:
-        """Return a record's velocity of B, N, T, slip rate and contact state."""
-        return (*self.readings(speed)[:PENETRATION].tolist(), float(SLIP))
-
     @one_blas_thread()
     def bounds(self, x: Array) -> Array:
         """Bound each reading's later distance from its steady value, if slip from `x` goes on and decays."""
@@ -123,3 +125,58 @@ def steady_sliding(model: ReducedModel, mu: float, step: float) -> SteadySliding
         return SteadySliding(model, mu, step)
     except np.linalg.LinAlgError:
         return None
+
+
+def conclude(run: Any, phase: int, segment: Segment) -> None:
+    """Fill in the rest of a run if nothing but steady sliding can follow; choose the next segment's length."""
+    speed, model, record = run.scene.speed_per_load, run.model, run.record
+    # Infinite where the contact does not slide. As many samples whatever the segment's length: a record cuts
+    # segments into several.
+    recent = segment.samples[-layout.MAX_SKIP // 4 :, 1]
+    varies = float(np.ptp(recent)) if record["contact"][0] == SLIP and len(recent) > 1 else np.inf
+    run.length = run.long if varies >= speed else run.short
+    ended = phase == RAMP or record["stopped"][0] or record["now"][0] >= run.steps
+    # A proof is tried only where the motion looks steady.
+    if ended or not run.may_settle or varies > NEARLY_STEADY * speed:
+        return
+    steady = steady_sliding(model, run.kinetic, run.step)
+    run.may_settle = steady is not None and steady.decays
+    if steady is not None and steady.is_permanent(run.values(layout.Q), run.values(layout.V), run.u, speed):
+        run.segments = chain([segment], _fill(run, steady))
+
+
+def _fill(run: Any, steady: SteadySliding) -> Iterator[Segment]:
+    """Fill in steady sliding to the end of the run: all its steps count the same."""
+    speed, model, record, every, step = run.scene.speed_per_load, run.model, run.record, run.sample_every, run.step
+    if run.options.until is not None:
+        least = (float(record["settled_from"][0]) + run.options.until.least) / step
+        run.pause = run.steps = min(max(int(np.ceil(least)), run.pause), run.steps)
+    first, last = int(record["now"][0]), run.steps
+    q, v, u = steady.start(speed)
+    run.place(q, v)
+    record["u_N"], record["u_T"], record["now"] = *u, last
+    velocity, N, T, slip_rate = signals = steady.readings(speed)[:PENETRATION].tolist()
+    sample = [velocity, slip_rate, N, *(float(record[name][0]) for name in statistics.SAMPLED_COUNTERS)]
+    settled = int(np.clip(statistics.first_counted(record["settled_from"][0], step, 0.5), first, last))
+    if settled > first:
+        for name in statistics.SETTLED:
+            record[name] = 0.0
+    if last > settled:
+        record["max_N"] = np.maximum(record["max_N"], N)
+        record["max_slip"] = np.maximum(record["max_slip"], abs(slip_rate))
+    time, counted = (last - first) * step, (last - settled) * step
+    middle = v + 0.5 * step * (model.normal * (N - 1.0) + model.tangential * T)
+    record["sum_N"] += counted * N
+    record["slip_time"] += counted
+    record["work"] += time * T * speed
+    record["friction"] -= time * T * slip_rate
+    record["damped"] += time * (model.damping @ middle**2)
+    begin, rows = -(-first // every), run.row_every
+    for start in range(first, last, layout.MOST_ROWS * rows) if rows else ():
+        end = min(start + layout.MOST_ROWS * rows, last)
+        written = np.empty((statistics.count_in(start, end, rows), 6))
+        written[:, 0] = (np.arange(-(-start // rows), -(-end // rows)) * rows + 0.5) * step
+        written[:, 1:] = (*signals, SLIP)
+        yield Segment(np.zeros(0), np.empty((0, statistics.SAMPLE)), rows=written)
+    if (count := statistics.count_in(first, last, every)) > 0:
+        yield Segment(np.array([(begin * every + 0.5) * step]), np.array([sample]), repeated=count - 1)
