@@ -157,11 +157,12 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """Regimes, the linear prediction, and where each lies."""
     done, codes = int((dataset["status"] == DONE).sum()), dataset["verdict"].values
     compared = np.isin(codes, [0, 1, 2, 3])
-    share = 100.0 * np.mean(codes[compared] == 0) if compared.any() else np.nan
-    yield (
-        f"Linear stability {BELOW} predicts whether the rig vibrates at {labels.number(share)} % of "
-        f"{compared.sum()} compared scenes, {regimes.damping_text(dataset)}."
-    )
+    told = f"No scene can be compared with linear stability {BELOW}"
+    if compared.any():
+        share = labels.number(100.0 * np.mean(codes[compared] == 0))
+        told = f"Linear stability {BELOW} predicts whether the rig vibrates at {share} % of {compared.sum()}"
+        told += " compared scenes"
+    yield f"{told}, {regimes.damping_text(dataset)}."
     kinds = regimes.kinds(dataset)
     table = dataset.assign(dominant_frequency=regimes.dominant_frequency(dataset))
     names = ["stick_fraction", "velocity_rms", "dominant_frequency", "normal_force_999"]

@@ -15,7 +15,7 @@ from studies.motion import ensemble, regimes, run, series
 from studies.motion.jobs import Job, outcomes
 from studies.plotting import contacts, general
 from studies.study import Parameter, Study
-from sweeps import Variable
+from sweeps import DONE, Variable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -71,11 +71,17 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     table = summary.frame(points.isel(point=slice(MOST_ROWS)), COLUMNS, along="point")
     more = f" (the first {MOST_ROWS} of {points.sizes['point']})" if points.sizes["point"] > MOST_ROWS else ""
     yield f"Scenes{more}", table
+    if "contact" in dataset.dims:
+        names = [*COLUMNS[:4], "contact", *(name for name in BY_CONTACT if "contact" in dataset[name].dims)]
+        first = dataset[names].stack(point=dataset["status"].dims, create_index=False)
+        first = first.isel(point=slice(max(MOST_ROWS // dataset.sizes["contact"], 1)))
+        yield "Contacts", summary.frame(first, names, along=["point", "contact"])
 
 
 def draw(dataset: xr.Dataset) -> Figure:
     """Regimes, or where the state of several contacts was recorded, who sticks, slips and is open."""
-    return contacts.draw(dataset) if "contact_state" in dataset else general.draw_regimes(dataset)
+    recorded = "contact_state" in dataset and bool((dataset["status"] == DONE).any())
+    return contacts.draw(dataset) if recorded else general.draw_regimes(dataset)
 
 
 STUDY = Study(

@@ -6,32 +6,42 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from studies import labels
 from studies.motion.run import STATES
 from studies.plotting import figures
+from sweeps import DONE
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
 COLOURS = ("#ffffff", figures.BLUE, figures.ORANGE)
-# Samples in a picture of all of a run, and of its end.
-WIDE, CLOSE = 1500, 300
+# Columns in a picture of all of a run, samples in one of its end; contacts that are all numbered.
+WIDE, CLOSE, NUMBERED = 1500, 300, 12
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """The recorded `contact_state` of the first point, all of it and its end, and shares of time."""
-    from matplotlib.colors import ListedColormap
+    """The recorded `contact_state` of the first point that is done, all of it and its end, and shares of time.
 
-    point = dataset.isel({dim: 0 for dim in dataset["status"].dims})
+    Where a column has many samples its colour is the mean of theirs, so that no switch is lost.
+    """
+    from matplotlib.colors import to_rgb
+    from matplotlib.ticker import MaxNLocator
+
+    status = dataset["status"]
+    first = np.unravel_index(np.argmax(status.values == DONE), status.shape)
+    point = dataset.isel(dict(zip(status.dims, first, strict=True)))
     state, elapsed = point["contact_state"].transpose("contact", "elapsed").values, point["elapsed"].values
-    figure, (whole, close, shares) = figures.panels(1, 3, 27.0, 7.5)
-    every = max(len(elapsed) // WIDE, 1)
-    for axes, part in ((whole, slice(None, None, every)), (close, slice(-CLOSE, None))):
-        time, seen = 1e3 * elapsed[part], state[:, part]
-        edges = np.append(time, 2.0 * time[-1] - time[-2]) if len(time) > 1 else np.array([0.0, 1.0])
-        rows = np.arange(len(seen) + 1) - 0.5
-        axes.pcolormesh(edges, rows, seen, cmap=ListedColormap(COLOURS), vmin=-0.5, vmax=2.5, rasterized=True)
-        axes.set(xlabel="time / ms", ylabel="contact", yticks=np.arange(len(seen)))
+    figure, (whole, close, shares) = figures.panels(1, 3, 27.0, 7.5, sharey=True)
+    colours = np.array([to_rgb(colour) for colour in COLOURS])[np.clip(state, 0, len(COLOURS) - 1).astype(int)]
+    step = elapsed[1] - elapsed[0] if len(elapsed) > 1 else 1.0
+    for axes, begin in ((whole, 0), (close, max(len(elapsed) - CLOSE, 0))):
+        starts = np.unique(np.linspace(begin, len(elapsed), WIDE + 1).astype(int)[:-1])
+        counts = np.diff(starts, append=len(elapsed))
+        mixed = np.add.reduceat(colours, starts, axis=1) / counts[:, None]
+        edges = 1e3 * np.append(elapsed[starts], elapsed[-1] + step)
+        axes.pcolormesh(edges, np.arange(len(state) + 1) - 0.5, mixed, rasterized=True)
+        axes.set(xlabel="time / ms", xlim=(edges[0], edges[-1]))
         axes.locator_params(axis="x", nbins=5)
         axes.grid(visible=False)
     left = np.zeros(len(state))
@@ -39,7 +49,12 @@ def draw(dataset: xr.Dataset) -> Figure:
         share = point[f"contact_{name}_fraction"].values
         shares.barh(np.arange(len(state)), share, left=left, color=colour, edgecolor=figures.GREY, label=name)
         left = left + share
-    shares.set(xlabel="share of time", xlim=(0.0, 1.0), yticks=np.arange(len(state)))
+    shares.set(xlabel="share of time", xlim=(0.0, 1.0))
+    whole.set(ylabel="contact", ylim=(-0.5, len(state) - 0.5))
+    whole.yaxis.set_major_locator(MaxNLocator(NUMBERED, integer=True))
     figures.letter((whole, close, shares), ("all of the run", "its end", "shares of time"))
     figures.legend_below(figure, [shares])
+    place = ", ".join(labels.named(str(dim), point[dim]) for dim in status.dims)
+    more = f"; one of {status.size} points" if status.size > 1 else ""
+    figure.suptitle(f"Contacts at {place}{more}")
     return figure
