@@ -16,6 +16,7 @@ import numpy as np
 
 from fivcore.beams.modes import one_blas_thread
 from fivcore.cycles.flow import Flow, Segment
+from fivcore.errors import SceneError
 from fivcore.jit import Array
 
 # Largest residual in units of the motion, and most iterations.
@@ -102,7 +103,11 @@ def solve(flow: Flow, segments: list[Segment], plane: Array) -> tuple[list[Segme
     """Close a cycle by Newton's method; None where it does not converge."""
     best: tuple[list[Segment], Linear] | None = None
     for _ in range(ITERATIONS):
-        linear = linearised(flow, segments, plane)
+        try:
+            linear = linearised(flow, segments, plane)
+        except SceneError:
+            # Far from a motion, where friction falls.
+            return best
         if best is not None and linear.residual > 0.1 * best[1].residual:
             # Rounding.
             return best if best[1].residual < linear.residual else (segments, linear)
