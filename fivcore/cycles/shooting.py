@@ -82,7 +82,8 @@ def linearised(
         times.append(-(row @ tangent) / slope @ maps[-1])
         delays.append(delay - (row @ tangent) / slope @ offsets[-1])
         maps, offsets = [*maps, jump @ maps[-1]], [*offsets, jump @ offsets[-1] + offset]
-    return Linear(maps, offsets, times, delays, scale, worst)
+    finite = all(np.isfinite(each).all() for each in (maps[-1], offsets[-1], times[-1], delays[-1]))
+    return Linear(maps, offsets, times, delays, scale, worst if finite else np.inf)
 
 
 def moved(

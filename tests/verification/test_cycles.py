@@ -20,6 +20,7 @@ from fivcore import (
     painleve_mu,
     simulate,
 )
+from fivcore.cycles import branch, shooting
 from studies.gallery.classics import belted, cycle
 
 # bSTAB's oscillator (Stender, Hoffmann, Nonlinear Dynamics 107, 2022): sticking ends and the cycles fold at END,
@@ -339,3 +340,14 @@ def test_refusals(scene, options, text):
 def test_parameters_that_there_are_not(sticking):
     with pytest.raises(ValueError, match="parameter = 'length': it must be one of V, theta, mu"):
         follow_cycle(sticking, "length", 1.0)
+
+
+def test_equations_without_a_solution_end_a_search(sticking):
+    lost = [each._replace(start=np.nan * each.start) for each in sticking.segments]
+    assert shooting.solve(sticking.flow, lost, sticking.plane) is None
+    way = branch._Follower("mu", 0.1)
+    point = way.point(sticking, 0.12, branch.sense(sticking, 1.0))
+    assert way.step(point, 1e-3) is not None
+    assert way.step(point._replace(tangent=0.0 * point.tangent), 1e-3) is None
+    with pytest.raises(UnsolvedError, match="more than one branch"):
+        branch.bordered(point.linear, 0.0 * point.tangent, 1.0)
