@@ -96,18 +96,21 @@ class _Follower:
 
     def step(self, point: _Point, length: float) -> tuple[_Point, int] | None:
         """The point after a step along the tangent, and how many iterations it took; None without convergence."""
+        try:
+            return self._corrected(point, length)
+        except (InputError, SceneError, UnsolvedError):
+            # Beyond what a scene allows, or singular.
+            return None
+
+    def _corrected(self, point: _Point, length: float) -> tuple[_Point, int] | None:
         cycle, change = point.cycle, length * point.tangent[-1]
         segments = shooting.moved(cycle.segments, point.linear, length * point.start, change, np.inf)
         if min(each.time for each in segments) < -BACKWARDS * cycle.flow.grid:
             return None
         value, begun = point.value + self.span * change, stacked(cycle.segments)
         for iteration in range(ITERATIONS):
-            try:
-                scene, flow = self.flow(cycle.scene, value, cycle.flow)
-                linear = self.linear(scene, flow, value, segments, cycle.plane)
-            except (InputError, SceneError):
-                # Beyond what a scene allows.
-                return None
+            scene, flow = self.flow(cycle.scene, value, cycle.flow)
+            linear = self.linear(scene, flow, value, segments, cycle.plane)
             if not linear.residual < 1e3:
                 return None
             gone = np.append((stacked(segments) - begun) / linear.size, (value - point.value) / self.span)
@@ -166,7 +169,10 @@ def bordered(linear: shooting.Linear, tangent: Array, along: float, closing: boo
         right[:-1], right[-1] = linear.offsets[-1][:-1, 0], -missed
     right[-1] += along
     scale = np.append(np.full(size, linear.size), 1.0)
-    found = scale * np.linalg.solve(matrix * scale, right)
+    try:
+        found = scale * np.linalg.solve(matrix * scale, right)
+    except np.linalg.LinAlgError:
+        raise UnsolvedError("follow_cycle: more than one branch passes through a cycle; begin elsewhere") from None
     return found[:-1], float(found[-1])
 
 

@@ -30,8 +30,9 @@ from fivcore.transient.statistics import SAMPLE, SEPARATION, STICK
 COMPLIANT_GRID, RIGID_GRID, BLOCK = 0.5, 0.1, 64
 # A cycle without events closes where it crosses a plane.
 PLANE = -1
-# Deviations for derivatives where friction falls, in units of the motion; a time at which nothing is read, s.
-DEVIATION, NEVER = 1e-6, 1e6
+# Deviations for derivatives where friction falls, in units of the motion and of the speed over which it does; a
+# time at which nothing is read, s.
+DEVIATION, BESIDE, NEVER = 1e-6, 1e-3, 1e6
 NOWHERE = np.zeros((1, SAMPLE)), np.zeros((1, 6)), np.zeros((1, 2))
 
 
@@ -86,13 +87,37 @@ class Flow:
     def law(self, status: int, z: Array) -> Array:
         """Rows N to `RATES` and on about z, (4 + m, m + 1), whose products with z are the values there."""
         if self.falls(status):
-            return self._law(status, z, 1e2 * DEVIATION * self.size(z))
+            return self._falling(status, z)
         if status not in self._laws:
-            self._laws[status] = self._law(status, 0.0 * z, 1.0)
+            self._laws[status] = np.asarray(kernels.affine_law(self.units, status, self.run.system, self._drive))
         return self._laws[status]
 
-    def _law(self, status: int, z: Array, h: float) -> Array:
-        return np.asarray(kernels.affine_law(z, h, self.units, status, self.run.system, self._drive))
+    def _falling(self, status: int, z: Array) -> Array:
+        """The law of slip about z where friction falls: that of stick, or without forces, and what slip adds."""
+        (C, W), law, sense = self.run.system[6:8], self.run.system[8], 1.0 if status == SLIP_UP else -1.0
+        rows, n = self.law(SEPARATION if self.rigid else STICK, z).copy(), len(self.model.stiffness)
+        was, accelerations = rows[[N, T]], rows[RATES + n : RATES + 2 * n]
+
+        def through(row: Array, value: float) -> Array:
+            return np.append(row[:-1], value - row[:-1] @ z[:-1])
+
+        if self.rigid:
+            slip = -sense * rows[SLIP_RATE]
+            mu, slope = kernels.coefficient(float(slip @ z), law)
+            free, stiff = self.model.normal * self.signs @ accelerations, W[0, 0] + sense * mu * W[0, 1]
+            normal = float(-free @ z) / stiff
+            rows[N] = through(-(free + normal * sense * slope * W[0, 1] * slip) / stiff, normal)
+        else:
+            forces = was @ z
+            x, mu, slack = kernels.sliding(forces[0], forces[1], C, law, sense)
+            normal, slope = forces[0] - sense * C[0, 1] * x, kernels.coefficient(x, law)[1]
+            slip = through((sense * was[1] - mu * was[0]) / slack, x)
+            rows[N] -= sense * C[0, 1] * slip
+            rows[SLIP_RATE] = -sense * slip
+            rows[RATES + 2 * n + 1] -= sense * self.units[-1] * slip
+        rows[T] = through(sense * (mu * rows[N] + slope * normal * slip), sense * mu * normal)
+        accelerations += self.signs[:, None] * (self.model.shapes.T @ (rows[[N, T]] - was))
+        return rows
 
     def falls(self, status: int) -> bool:
         """Whether the law of a status is not linear."""
@@ -160,12 +185,19 @@ class Flow:
             return power @ z, power
         end, derivative = self._follow(status, z, time, False)[2], np.eye(len(z))
         if tangent:
-            h = DEVIATION * self.size(z)
-            for j in range(len(z) - 1):
-                ends = [self._follow(status, z + way * h * derivative[j], time, False)[2] for way in (1.0, -1.0)]
+            h, last = self._deviation(z), len(z) - 1
+            # The surfaces of a deviation touch as well.
+            for j, change in enumerate(h * self.entry(status, status, z)[:, :last].T):
+                ends = [self._follow(status, z + way * change, time, False)[2] for way in (1.0, -1.0)]
                 derivative[:, j] = (ends[0] - ends[1]) / (2.0 * h)
-            derivative[:-1, -1] = (end - derivative[:, :-1] @ z[:-1])[:-1]
+            derivative[:last, last] = (end - derivative[:, :last] @ z[:last])[:last]
         return end, derivative
+
+    def _deviation(self, z: Array) -> float:
+        """A deviation over which friction hardly falls."""
+        model, least = self.model, BESIDE * self.scene.friction.decay_speed
+        rate = np.abs(model.shapes[1]).max() if self.rigid else np.sqrt(model.K[1, 1]) / model.C[1, 1]
+        return min(DEVIATION * self.size(z), least / rate)
 
     def samples(self, status: int, z: Array, time: float) -> tuple[Array, Array]:
         """Times (k,) and states (m + 1, k) up to `time`, s."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from fivcore.beams.modes import one_blas_thread
 from fivcore.cycles.flow import Flow, Segment
+from fivcore.errors import SceneError
 from fivcore.jit import Array
 
 # Largest residual in units of the motion, and most iterations.
@@ -81,7 +82,8 @@ def linearised(
         times.append(-(row @ tangent) / slope @ maps[-1])
         delays.append(delay - (row @ tangent) / slope @ offsets[-1])
         maps, offsets = [*maps, jump @ maps[-1]], [*offsets, jump @ offsets[-1] + offset]
-    return Linear(maps, offsets, times, delays, scale, worst)
+    finite = all(np.isfinite(each).all() for each in (maps[-1], offsets[-1], times[-1], delays[-1]))
+    return Linear(maps, offsets, times, delays, scale, worst if finite else np.inf)
 
 
 def moved(
@@ -102,7 +104,11 @@ def solve(flow: Flow, segments: list[Segment], plane: Array) -> tuple[list[Segme
     """Close a cycle by Newton's method; None where it does not converge."""
     best: tuple[list[Segment], Linear] | None = None
     for _ in range(ITERATIONS):
-        linear = linearised(flow, segments, plane)
+        try:
+            linear = linearised(flow, segments, plane)
+        except SceneError:
+            # Far from a motion, where friction falls.
+            return best
         if best is not None and linear.residual > 0.1 * best[1].residual:
             # Rounding.
             return best if best[1].residual < linear.residual else (segments, linear)

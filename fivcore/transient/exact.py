@@ -296,7 +296,7 @@ class ExactRun(Run):
 @one_blas_thread()
 def grows(system: Any, size: int, which: int, rate: float) -> bool:
     """Whether a status' motion, so small that friction is linear in it, grows faster than a rate, 1/s."""
-    law = kernels.affine_law(np.zeros(size + 1), 1.0, np.ones(size), which, system, np.zeros(3))
+    law = kernels.affine_law(np.ones(size), which, system, np.zeros(3))
     matrix: Array = matrix_balance(law[kernels.RATES :, :-1], permute=False)[0]
     # No eigenvalue is larger than a norm.
     return bool(np.abs(matrix).sum(axis=1).max() > rate and np.linalg.eigvals(matrix).real.max() > rate)

@@ -117,24 +117,19 @@ def rates(t: float, z: Any, which: int, system: Any, drive: Any, out: Any) -> An
 
 
 @kernel
-def affine_law(z: Any, h: float, units: Any, which: int, system: Any, drive: Any) -> Any:
-    """Rows of a law about z by differences over 2 h, (4 + m, m + 1): times z, its values there."""
+def affine_law(units: Any, which: int, system: Any, drive: Any) -> Any:
+    """Rows of a law that is linear, (4 + m, m + 1): times z in `units` (m,) and 1, its values there."""
     m = len(units)
     rows, y, out, values = np.zeros((RATES + m, m + 1)), np.zeros(m + 4), np.empty(m + 4), np.empty(RATES + m)
-    y[:m] = z[:m] / units
     for j in range(m + 1):
         for sense in (1.0, -1.0):
             if j < m:
-                y[j] = (z[j] + sense * h) / units[j]
+                y[j] = sense / units[j]
             values[:4] = rates(0.0, y, which, system, drive, out)[:4]
             values[4:] = units * out[:m]
-            rows[:, j] += (sense if j < m else 1.0) * values
+            rows[:, j] += 0.5 * (sense if j < m else 1.0) * values
         if j < m:
-            y[j] = z[j] / units[j]
-            rows[:, j] /= 2.0 * h
-    rows[:, m] *= 0.5
-    for j in range(m):
-        rows[:, m] -= rows[:, j] * z[j]
+            y[j] = 0.0
     return rows
 
 

@@ -20,6 +20,7 @@ from fivcore import (
     painleve_mu,
     simulate,
 )
+from fivcore.cycles import branch, shooting
 from studies.gallery.classics import belted, cycle
 
 # bSTAB's oscillator (Stender, Hoffmann, Nonlinear Dynamics 107, 2022): sticking ends and the cycles fold at END,
@@ -237,6 +238,51 @@ def periodic(seed):
             yield scene, run
 
 
+FALLING = Friction(0.95, 0.05)
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        pytest.param(lambda: of_run(Scene(2e-3, 5.0, 0.12, 9.0, DAMPED), 0.6), id="rig"),
+        pytest.param(lambda: of_run(Scene(2e-3, 5.0, 0.115, 9.0, DAMPED, FALLING), 0.6), id="rig, falling"),
+        pytest.param(
+            lambda: of_run(Scene(2e-3, 5.0, 0.115, 9.0, DAMPED, Friction(0.95, 0.0)), 0.6), id="rig, jump"
+        ),
+        pytest.param(lambda: of_belt(0.2, Friction(0.0, 1.0 / 3.0, "rational")), id="belt, falling"),
+        pytest.param(lambda: of_belt(0.2, Friction(0.5, 0.0)), id="belt, jump"),
+    ],
+)
+def test_a_segment_has_the_derivative_of_its_motion(found):
+    cycle = found()
+    flow, random = cycle.flow, np.random.default_rng(5)
+    for each in cycle.segments:
+        _, tangent = flow.over(each.status, each.start, each.time)
+        # Deviations in which the surfaces touch.
+        change = flow.entry(each.status, each.status, each.start)[:-1, :-1] @ random.normal(size=len(tangent) - 1)
+        change = np.append(1e-8 * flow.size(each.start) * change / np.linalg.norm(change), 0.0)
+        ends = [flow.over(each.status, each.start + way * change, each.time, tangent=False)[0] for way in (1, -1)]
+        slope = 0.5 * (ends[0] - ends[1])
+        assert np.linalg.norm(tangent @ change - slope) <= 1e-4 * np.linalg.norm(slope)
+        values = [flow.field(each.status, z) @ z for z in (each.start + change, each.start - change)]
+        slope = 0.5 * (values[0] - values[1])
+        field = flow.field(each.status, each.start) @ change
+        assert np.linalg.norm(field - slope) <= 1e-4 * np.linalg.norm(slope)
+
+
+def test_friction_that_falls_on_the_rig():
+    found = of_run(Scene(2e-3, 5.0, 0.115, 9.0, DAMPED, FALLING), 0.6)
+    assert [name for name, _ in found.states] == ["slip", "stick"]
+    assert found.stable
+    start = found.final_state
+    run = simulate(found.scene, 10.0 * found.period, "exact", initial=start, settle=0.0, step=found.period / 1000)
+    size = np.linalg.norm(start.velocity)
+    assert np.linalg.norm(run.final_state.velocity - start.velocity) < 1e-6 * size
+    branch = follow_cycle(found, "decay_speed", 0.02, most=4)
+    assert len(branch.values) == 4
+    assert all(each.residual < 1e-10 for each in branch.cycles)
+
+
 def agrees(scene, run):
     """The cycle on which a run is: a run of "exact" stays on it, and the run has its RMS."""
     found = limit_cycle(scene, run.final_state)
@@ -294,3 +340,14 @@ def test_refusals(scene, options, text):
 def test_parameters_that_there_are_not(sticking):
     with pytest.raises(ValueError, match="parameter = 'length': it must be one of V, theta, mu"):
         follow_cycle(sticking, "length", 1.0)
+
+
+def test_equations_without_a_solution_end_a_search(sticking):
+    lost = [each._replace(start=np.nan * each.start) for each in sticking.segments]
+    assert shooting.solve(sticking.flow, lost, sticking.plane) is None
+    way = branch._Follower("mu", 0.1)
+    point = way.point(sticking, 0.12, branch.sense(sticking, 1.0))
+    assert way.step(point, 1e-3) is not None
+    assert way.step(point._replace(tangent=0.0 * point.tangent), 1e-3) is None
+    with pytest.raises(UnsolvedError, match="more than one branch"):
+        branch.bordered(point.linear, 0.0 * point.tangent, 1.0)
