@@ -85,7 +85,7 @@ class Request:
         return {name: _read(study, name, value) for name, value in values.items()}
 
     def points_of(self, study: Study) -> dict[str, Any]:
-        """Arguments of `Study.sweep` besides the values."""
+        """Arguments of `asking.sweep.sweep_of` besides the values."""
         table = None if self.points is None else rows(study, self.points)
         rate = self.sample_rate
         rate = spec.one(rate, "sample_rate", "Hz") if isinstance(rate, str) else rate
@@ -138,7 +138,7 @@ def _read(study: Study, name: str, value: Any) -> Any:
 
         return parse(value, name, parameter.units)
     values = spec.parse(value, name, parameter.units)
-    if name == "V" and "scenes" in study.takes and not np.all(values):
+    if name == "V" and study.moves and not np.all(values):
         raise InputError("V = 0: the drive must move; usual are {:g} to {:g} m/s".format(*USUAL["V"]))
     return values
 

@@ -17,6 +17,7 @@ import numpy as np
 import sweeps
 from fivcore.errors import FIXED, fixed_contact
 from studies import reference, registry
+from studies.asking.sweep import sweep_of
 from studies.parameters import unusual, warn_unusual
 from studies.request import Request
 from studies.results import file_of, is_fit, is_own, open_dataset, reference_folder, results_folder
@@ -86,7 +87,7 @@ def plan(
     if is_own(results_folder(out)) or is_own(results_folder(out).parent):
         raise InputError(f"{results_folder(out)}: runs only read the reference; choose another folder (out=...)")
     values = request.values_of(one)
-    sweep = one.sweep(values, **request.points_of(one))
+    sweep = sweep_of(one, values, **request.points_of(one))
     every = {name: parameter.default for name, parameter in one.parameters.items()} | values
     numbers = {k: v for k, v in every.items() if v is not None and not hasattr(v, "ppf")}
     lines = unusual(numbers, set(values))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from studies.asking.sweep import sweep_of
 from studies.cli.app import command
 from studies.cli.options import OUT, QUERY, TARGET, catalogue, result_names, target
 from studies.cli.output import FLAGS, about, columns, say, show, tell
@@ -62,7 +63,7 @@ def _study(name: str, out: str | None) -> tuple[Study, int]:
 
     file = results.results_file(name, out)
     if name in registry.names() or results.is_script(name) or not Store(file).exists():
-        return (one := registry.resolve(name)), one.sweep({}).grid.size
+        return (one := registry.resolve(name)), sweep_of(one).grid.size
     dataset = results.open_dataset(file)
     return runner.study_of(dataset, name), dataset["status"].size
 

@@ -14,6 +14,7 @@ import numpy as np
 from fivcore import Structure, checks
 from fivcore.structure import motion_cutoff
 from studies import request, spec, uncertainty
+from studies.asking.sweep import sweep_of
 from studies.gallery import maps
 from studies.parameters import RIG, Parameter, check_keys, suggest, unusual, warn_unusual
 from studies.study import Study
@@ -207,7 +208,7 @@ class _Reader:
         bare = replace(study, paper="", derive=None, summary=None, figure=None, claims=())
         drawn = {parameter: self.priors[name] for parameter, name in unknowns.items()}
         structure = None if self.structure is None else self.structure.to_dict()
-        sweep = bare.sweep({**numbers, **drawn}, structure=structure, samples=CHECKED)
+        sweep = sweep_of(bare, {**numbers, **drawn}, structure=structure, samples=CHECKED)
         for name in drawn.keys() - sweep.grid.axes.keys():
             raise InputError(f"{name}: study {study.name} draws it itself; take another study")
         lines = unusual({name: value for name, value in numbers.items() if value is not None}, values)

@@ -52,11 +52,11 @@ OUTPUTS = {n: v for n, v in hysteresis.OUTPUTS.items() if n not in ("extremum", 
 
 
 def bifurcations(
-    scenes: Sequence[tuple[Scene, ...]], follow: str, hold: float, most: int, edges: int, **how: Any
+    chains: Sequence[tuple[Scene, ...]], follow: str, hold: float, most: int, edges: int, **how: Any
 ) -> dict[str, Any]:
     """Hysteresis, knock thresholds and branches of limit cycles of each chain of scenes."""
-    found = hysteresis.follow(scenes, 1.0, hold, **how)
-    rows = [of_chain(*each, follow, hold, most, edges, how) for each in zip(scenes, found["regime"], strict=True)]
+    found = hysteresis.follow(chains, 1.0, hold, **how)
+    rows = [of_chain(*each, follow, hold, most, edges, how) for each in zip(chains, found["regime"], strict=True)]
     return {n: v for n, v in found.items() if n in OUTPUTS or n == "error"} | {
         name: np.stack([row[name] for row in rows]) for name in rows[0]
     }
@@ -317,6 +317,5 @@ STUDY = Study(
     summary=summarise,
     figure=draw,
     check=check,
-    follows="follow",
     chaotic=True,
 )

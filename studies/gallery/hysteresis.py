@@ -47,11 +47,11 @@ OUTPUTS: dict[str, Any] = {
 
 
 def follow(
-    scenes: Sequence[tuple[Scene, ...]], member: Any, hold: float, knock: float = 0.0, **run: Any
+    chains: Sequence[tuple[Scene, ...]], member: Any, hold: float, knock: float = 0.0, **run: Any
 ) -> dict[str, Any]:
     """The motion at each value of the parameter, up and down, of each point."""
-    numbers = np.broadcast_to(member, len(scenes)).tolist()
-    found = [loop(chain, number, hold, knock, run) for chain, number in zip(scenes, numbers, strict=True)]
+    numbers = np.broadcast_to(member, len(chains)).tolist()
+    found = [loop(chain, number, hold, knock, run) for chain, number in zip(chains, numbers, strict=True)]
     errors = [each if isinstance(each, Exception) else None for each in found]
     done = [each for each in found if isinstance(each, dict)]
     if not done:
@@ -268,6 +268,5 @@ STUDY = Study(
     summary=summarise,
     figure=draw,
     check=check,
-    follows="follow",
     chaotic=True,
 )

@@ -25,6 +25,7 @@ from fivcore import (
 )
 from fivcore.errors import SceneError, UnsolvedError
 from studies import labels, paper, spec, summary, uncertainty
+from studies.asking.sweep import sweep_of
 from studies.gallery import knock
 from studies.motion import ensemble, regimes, run
 from studies.motion.jobs import outcomes
@@ -189,7 +190,8 @@ def plan(
     if refine:
         values |= {n: spec.refined(text, n, refine, study.parameters[n].units) for n, text in sides.items()}
     structure = None if rig is None else structure_of(rig)
-    sweep, whole = study.sweep(values, structure=structure), np.dtype(study.outputs[names[0]].dtype).kind == "i"
+    sweep = sweep_of(study, values, structure=structure)
+    whole = np.dtype(study.outputs[names[0]].dtype).kind == "i"
     plain = {name: value for name, value in values.items() if not hasattr(value, "ppf")}
     # A file is written again where its title changes: then it has this request, which is drawn.
     title, request = f"{', '.join(names)} over {', '.join(sides)}", {"x": next(iter(sides)), "quantities": names}

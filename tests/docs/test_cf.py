@@ -15,6 +15,7 @@ from compliance_checker.runner import CheckSuite
 
 import studies
 from studies import registry
+from studies.asking.sweep import sweep_of
 from studies.gallery import maps
 from sweeps import Axis, Grid, Sweep, Variable
 from tests import HOME
@@ -58,11 +59,11 @@ def fresh(tmp_path_factory):
     Sweep("words", picky, cases, {"z": Variable("m")}, title="Words").plan(folder / "words.nc").run("sync")
     values = {"V": [2e-3, 5e-3], "theta": 5.0, "mu": 0.2, "F": 9.0, "duration": 0.02}
     scenes = registry.load("scenes")
-    recorded = scenes.sweep(values, record=("velocity_B", "state"), sample_rate=1e3)
+    recorded = sweep_of(scenes, values, record=("velocity_B", "state"), sample_rate=1e3)
     recorded.plan(folder / "recorded.nc").run("sync")
     del values["V"]
     rows = {"numerical_damping": ["none", "published"], "V": [2e-3, 5e-3]}
-    scenes.sweep(values, rows=rows).plan(folder / "rows.nc").run("sync")
+    sweep_of(scenes, values, rows=rows).plan(folder / "rows.nc").run("sync")
     # A fit, some of whose draws cannot be.
     target = {"output": "glued_frequency_2", "value": "460Hz", "within": "10Hz"}
     stated = {"unknown": {"contact_position": "uniform:140:160mm"}, "set": {"theta": 5}, "target": [target]}

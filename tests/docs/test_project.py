@@ -11,6 +11,7 @@ from importlib.metadata import packages_distributions, version
 import pytest
 
 from studies import claims, make_reference, registry
+from studies.asking.sweep import sweep_of
 from tests import HOME
 from tests.docs import readmes
 
@@ -244,5 +245,5 @@ KEPT += [(name, REFERENCE / make_reference.IDENTIFIED, claims.IDENTIFIED | make_
 
 @pytest.mark.parametrize(("name", "folder", "values"), KEPT)
 def test_the_results_kept_here_are_those_of_this_code(name, folder, values):
-    plan = registry.load(name).sweep(values).plan(folder / name / f"{name}.nc")
+    plan = sweep_of(registry.load(name), values).plan(folder / name / f"{name}.nc")
     assert (plan.todo, plan.failed, plan.whole) == (0, 0, True)

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import binomtest
 
 from fivcore import Friction, Rig, Scene, State, Structure, simulate, sliding_modes
+from studies.asking.sweep import sweep_of
 from studies.gallery import hysteresis, knock, maps
 from studies.gallery.classics import block_of
 from studies.motion import starts
@@ -94,7 +95,7 @@ def test_the_smallest_knock_starts_vibration_and_scales_with_the_load():
     assert [int(label) > 2 for label in starts.labels_of(SCENE, ends, OPTIONS)] == [False, True]
     study = maps.STUDIES["knock"]
     given = {"V": 2.5e-3, "F": 4.5, "mu": [0.1, 0.12], "resolution": 0.05, "largest_knock": 1e-4}
-    data = study.sweep(given).plan().run("sync")["knock_threshold"].squeeze()
+    data = sweep_of(study, given).plan().run("sync")["knock_threshold"].squeeze()
     assert float(data.sel(mu=0.1)) == pytest.approx(0.5 * found["knock_threshold"])
     assert np.all(np.isnan(data.sel(mu=0.12)))
 
@@ -121,7 +122,7 @@ def test_a_structure_of_few_modes_has_basins_too(computed):
     law = {"kinetic_ratio": 0.5, "decay_speed": 0.5, "mu": 1.0, "F": 1.0, "V": 1.7, "duration": 500.0}
     given = law | {"knock": 0.0, "velocity": [0.0, 2.5], "most": 16}
     own = block_of(1.0, 0.05).to_dict()
-    data = registry.load("basins").sweep(given, structure=own).plan().run("sync").squeeze()
+    data = sweep_of(registry.load("basins"), given, structure=own).plan().run("sync").squeeze()
     assert 0.0 < float(data["vibration_share"]) < 1.0
     assert np.all(data["start_velocity"].values[data["label"].values > 2] > 1.4)
 

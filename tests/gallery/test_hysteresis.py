@@ -7,6 +7,7 @@ import pytest
 
 from fivcore import Friction, Scene, sliding_onsets
 from studies import registry, summary
+from studies.asking.sweep import sweep_of
 from studies.gallery import hysteresis
 from studies.gallery.classics import block_of
 from studies.motion import regimes
@@ -86,5 +87,5 @@ def test_a_rig_is_followed_too(computed):
 ])  # fmt: skip
 def test_what_cannot_be_followed_is_refused(values, message):
     with pytest.raises(InputError) as problem:
-        registry.load("hysteresis").sweep(values)
+        sweep_of(registry.load("hysteresis"), values)
     assert message in str(problem.value)

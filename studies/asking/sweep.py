@@ -1,0 +1,204 @@
+"""A study and a request become a sweep, checked before anything is computed."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from fivcore import checks
+from studies.asking import call
+from studies.asking.points import Points, points_of
+from studies.motion import scenes, series
+from studies.parameters import FRICTION, RIG, SCENE, suggest
+from studies.study import Study
+from sweeps import Axis, Grid, InputError, Sweep, Variable
+
+SAMPLES, SEED = 1024, 0
+# Values of an axis, and draws, that are checked before a run; others fail by themselves.
+CHECKED, DRAWS_CHECKED = 10_000, 16
+
+
+def sweep_of(
+    study: Study,
+    values: Mapping[str, Any] | None = None,
+    *,
+    rows: Mapping[str, Any] | None = None,
+    record: Sequence[str] = (),
+    sample_rate: float | None = None,
+    samples: int = SAMPLES,
+    seed: int = SEED,
+    structure: Mapping[str, Any] | None = None,
+) -> Sweep:
+    """The sweep of a study over the requested points.
+
+    Parameters
+    ----------
+    study : Study
+    values : mapping
+        By parameter one value, several, or a distribution with `ppf` and `text` (`studies.uncertainty`).
+    rows : mapping of str to array_like, (rows,), optional
+        Parameters that vary together, a point in each row.
+    record, sample_rate : sequence of str, float
+        Series to keep, and their sampling rate, Hz.
+    samples, seed : int
+        Number of draws, and their seed (`sweeps.Sample`).
+    structure : mapping, optional
+        `fivcore.Structure.to_dict` of one in place of the rig, whose parameters are left out; theta is 0.
+
+    Raises
+    ------
+    InputError
+        For a parameter or a series that does not exist, or a value out of range.
+    """
+    points = points_of(study, values or {}, rows or {}, (samples, seed), structure)
+    dims = {"followed": points.followed or "followed"}
+    outputs = {n: replace(v, dims=tuple(dims.get(d, d) for d in v.dims)) for n, v in study.outputs.items()}
+    coords = {**points.inner, **_coords(study, points)}
+    if len(record) or sample_rate is not None:
+        kept, elapsed, settings = _recorded(study, tuple(record), sample_rate, points.fixed)
+        outputs, coords = {**kept, **outputs}, {**coords, "elapsed": coords.get("elapsed", elapsed)}
+        points = replace(points, fixed={**points.fixed, **settings})
+    _check(study, points)
+    fixed, axes = points.fixed, points.grid.axes
+    about = {
+        name: (fixed[name], parameter.units, parameter.text)
+        for name, parameter in study.parameters.items()
+        if name in fixed and name not in points.inner
+    }
+    return Sweep(
+        study.name,
+        partial(call.compute, call.of(study, points, outputs, coords)),
+        points.grid,
+        outputs,
+        fixed,
+        coords={name: axis for name, axis in coords.items() if name not in axes},
+        title=study.title,
+        derive=partial(call.finish, study.derive, study.dims, about, study.moves),
+        order_by=_costly(points.grid),
+        request={"fixed": about},
+        **_copies(study, points),
+    )
+
+
+def _costly(grid: Grid) -> tuple[str, ...]:
+    """Axes whose change is costly: neighbours share the modes of P1, of a rig and of an inclination."""
+    names = tuple(grid.axes)
+    return tuple(n for n in names if n not in ("V", "mu", "F", *FRICTION)) if names == grid.dims else ()
+
+
+def _copies(study: Study, points: Points) -> dict[str, Any]:
+    """How a sweep finds points that are copies of one, and their factors; nothing where there are none."""
+    axes, steady = points.grid.axes, not study.moves
+    # Along theta and mu alone no steady sliding is a copy.
+    if not study.normalised or (steady and {"V", "F", *FRICTION}.isdisjoint(axes)):
+        return {}
+    numbers = {name: points.fixed[name] for name in (*SCENE, *FRICTION) if name in points.fixed}
+    others = tuple(name for name in axes if name not in (*SCENE, *FRICTION, "sample", "row"))
+    key = partial(scenes.key, fixed=numbers, others=others, steady=steady)
+    return {"key": key, "scale": partial(scenes.factors, fixed=numbers)}
+
+
+def _coords(study: Study, points: Points) -> dict[str, Axis]:
+    """Axes of the outputs' own dimensions; of several rigs the longest, at the ends of each number that varies."""
+    if not callable(study.coords):
+        return dict(study.coords)
+    signature, axes = inspect.signature(study.coords).parameters, points.grid.axes
+    given, found, problems = dict[str, Any](), dict[str, Axis](), [""]
+    for name in (name for name in signature if name != "rig"):
+        if name not in points.fixed:
+            raise InputError(f"{name}: it decides the size of the results of study {study.name}; give one value")
+        given[name] = points.fixed[name]
+    varied = [(name, axes[name].values) for name in RIG if name in axes] if "rig" in signature else []
+    for numbers in [{}, *({name: end(values).item()} for name, values in varied for end in (np.min, np.max))]:
+        try:
+            rig = {"rig": scenes.rig_of({**points.fixed, **numbers})} if "rig" in signature else {}
+            each = study.coords(**given, **rig)
+        except ValueError as problem:
+            problems.append(str(problem))
+            continue
+        found = {name: max(found.get(name, axis), axis, key=len) for name, axis in each.items()}
+    if not found:
+        raise InputError(problems[-1])
+    return found
+
+
+def _recorded(
+    study: Study, names: tuple[str, ...], sample_rate: float | None, fixed: Mapping[str, Any]
+) -> tuple[dict[str, Variable], Axis, dict[str, Any]]:
+    """Variables of requested series, their times, and the constants that they need."""
+    if "record" not in study.takes:
+        raise InputError(f"record = {', '.join(names)}: study {study.name} records no series; study scenes does")
+    if not names:
+        raise InputError(f"sample_rate = {sample_rate!r}: it is for recorded series; give record")
+    for name in (name for name in names if name not in series.SERIES):
+        near = suggest(name, series.SERIES)
+        raise InputError(f"record = {name!r}: no such series; {near}the series are {', '.join(series.SERIES)}")
+    for name in ("duration", "sample_rate"):
+        if name in study.parameters and name not in fixed:
+            raise InputError(f"{name}: recorded series need one value of it")
+    if sample_rate is not None and fixed.get("sample_rate", sample_rate) != sample_rate:
+        text = f"it is set to {fixed['sample_rate']:g}; give one of the two"
+        raise InputError(f"sample_rate = {sample_rate!r}: {text}")
+    rate = fixed.get("sample_rate", series.SAMPLE_RATE if sample_rate is None else sample_rate)
+    duration = fixed.get("duration") or series.DURATION
+    try:
+        times = series.even_times(duration, rate)
+    except ValueError as problem:
+        raise InputError(str(problem)) from None
+    kept = {name: each for name, each in series.SERIES.items() if name in names}  # their order changes nothing
+    if study.normalised:
+        kept = {name: replace(each, scale=series.FACTORS.get(name, "")) for name, each in kept.items()}
+    added = tuple(name for name in kept if name not in study.outputs)
+    return kept, times, {"duration": duration, "sample_rate": float(rate), "record": added}
+
+
+def _check(study: Study, points: Points) -> None:
+    """Build the rig or the scene at the values of each dimension, the others at their first ones."""
+    grid, fixed = points.grid, dict(points.fixed)
+    if "structure" in fixed:
+        fixed["structure"] = scenes.rig_of(fixed)
+    problems: list[Exception] = []
+    for row, (place, numbers) in enumerate(_rows(grid)):
+        try:
+            for each in call.steps({**fixed, **numbers}, points.followed):
+                _build(study, each)
+        except ValueError as problem:
+            if grid.dims[0] != "sample":
+                raise InputError(f"{place}{problem}") from None
+            problems.append(problem)
+            if len(problems) == row + 1 == min(DRAWS_CHECKED, grid.shape[0]):
+                raise InputError(str(problem)) from None
+    if study.check is not None:
+        signature = inspect.signature(study.check).parameters
+        values = {**fixed, **{name: axis.values for name, axis in {**grid.axes, **points.inner}.items()}}
+        if "rig" in signature:
+            numbers = {name: np.ravel(value)[0].item() for name, value in values.items() if name in RIG}
+            values["rig"] = scenes.rig_of({"structure": values.get("structure"), **numbers})
+        try:
+            study.check(**call.named(signature, values))
+        except ValueError as problem:
+            raise InputError(str(problem)) from problem
+
+
+def _rows(grid: Grid) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Parameters at each value of each dimension, the others at their first; rows of a table with their number."""
+    first = {name: axis.values[0].item() for name, axis in grid.axes.items()}
+    for group in grid.groups:
+        for k in range(min(len(grid.axes[group[0]]), CHECKED)):
+            place = f"points: row {k + 1}: " if group[0] == "row" else ""
+            yield place, {**first, **{name: grid.axes[name].values[k].item() for name in group}}
+
+
+def _build(study: Study, numbers: Mapping[str, Any]) -> None:
+    if study.moves or study.normalised:
+        scenes.scene_of(numbers)
+    elif "rig" in study.takes:
+        scenes.rig_of(numbers)
+    for name, check in (("theta", checks.theta_degrees), ("mu", checks.friction)):
+        if name in numbers and np.ndim(numbers[name]) == 0:
+            check(numbers[name])
