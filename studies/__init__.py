@@ -96,10 +96,10 @@ def map(
     halved `refine` times where the quantity changes, and interpolated where the estimated error is at most
     `tolerance`, relative to the range of the values. Other options, such as `rig`, and errors are those of `run`.
     """
-    from studies.gallery import maps
+    from studies import runner
 
     how = [options.pop(name, None) for name in ("scheduler", "workers", "progress")]
-    one, planned = maps.plan(x, y, quantity, fix, refine=refine, tolerance=tolerance, **options)
+    one, planned = runner.plan_map(x, y, quantity, fix, refine=refine, tolerance=tolerance, **options)
     return _executed(one, planned, *how)
 
 

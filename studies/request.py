@@ -49,6 +49,9 @@ class Request:
     `values` has by parameter a SPEC, a distribution (`normal:0.2:0.02`, or one of SciPy's), a word, a number, or a
     list of these; `points` is a CSV file, a DataFrame, or columns by name, whose rows are the points; `structure`
     is `Structure.to_dict` of one in place of the rig; `command` is the line that was typed.
+
+    A map has `sides`, the parameter across and that upwards, whose intervals are halved `refine` times where the
+    first of its `quantities` changes, or where interpolation is off by `tolerance` of its range.
     """
 
     study: str = ""
@@ -62,6 +65,10 @@ class Request:
     workers: int | None = None
     structure: Mapping[str, Any] | None = None
     command: str = ""
+    sides: tuple[str, ...] = ()
+    quantities: tuple[str, ...] = ()
+    refine: int = 0
+    tolerance: float | None = None
 
     def over(self, other: Request) -> Request:
         """The values of this request, and those of another where this one has none."""
@@ -78,11 +85,20 @@ class Request:
         # More points than a plan can hold are refused before their values are made.
         for name, value in values.items():
             if isinstance(value, str) and not study.parameter(name, self.structure).choices:
-                counts[name] = 1 if is_distribution(value) else spec.count(value)
+                counts[name] = 1 if is_distribution(value) else self._finest(name, spec.count(value))
             elif np.ndim(value):
                 counts[name] = np.size(value)
         sweeps.check_counts(counts or {"points": 1})
-        return {name: _read(study, name, value) for name, value in values.items()}
+        return {name: self._read(study, name, value) for name, value in values.items()}
+
+    def _finest(self, name: str, count: int) -> int:
+        """The number of values after the halvings of a map."""
+        return (count - 1) * 2**self.refine + 1 if name in self.sides else count
+
+    def _read(self, study: Study, name: str, value: Any) -> Any:
+        if self.refine and name in self.sides:
+            return spec.refined(value, name, self.refine, study.parameters[name].units)
+        return _read(study, name, value)
 
     def points_of(self, study: Study) -> dict[str, Any]:
         """Arguments of `asking.sweep.sweep_of` besides the values."""
@@ -105,6 +121,8 @@ class Request:
 
         drawn = {name: text_of(v, name) for name, v in self.values.items() if is_distribution(v)}
         rest = {"record": list(self.record), "scatter": drawn, "seed": self.seed, "command": self.command}
+        if self.sides:
+            rest |= {"x": self.sides[0], "quantities": list(self.quantities)}
         return {name: value for name, value in rest.items() if value}
 
     def bears_unit(self, name: str) -> bool:
@@ -219,6 +237,9 @@ def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Request:
         how["samples"] = dataset.sizes["sample"]
     rate = constants.get("sample_rate") if record and "sample_rate" not in values else None
     structure = structure_in(dataset) or None
+    if "quantities" in request:
+        dims = sorted(map(str, dataset["status"].dims), key=lambda dim: dim != request["x"])
+        how |= {"sides": tuple(dims), "quantities": tuple(request["quantities"])}
     return Request(configured["name"], values, points, record, rate, structure=structure, **how)
 
 

@@ -69,6 +69,12 @@ class Study:
         The motion is chaotic: another processor changes digits, and only statistics can be compared.
     beams : bool
         It is about the paper's two beams: structures of one's own are refused.
+    like : str
+        The study whose points cost as much as the realisations of this one: it estimates the time of a run.
+    thresholds : mapping of str to float
+        Values at which outputs pass from one class to another: maps draw them, and are refined there.
+    scatter : callable, optional
+        Takes the numbers that have one value; returns the distributions of a run that requests none.
     """
 
     name: str
@@ -87,6 +93,9 @@ class Study:
     normalised: bool = field(default=False, kw_only=True)
     chaotic: bool = field(default=False, kw_only=True)
     beams: bool = field(default=False, kw_only=True)
+    like: str = field(default="", kw_only=True)
+    thresholds: Mapping[str, float] = field(default_factory=dict, kw_only=True)
+    scatter: Callable[[Mapping[str, Any]], Mapping[str, Any]] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         added = SCENE | FRICTION | RIG if self.moves else dict[str, Parameter]()

@@ -12,7 +12,7 @@ import numpy as np
 from studies import claims, labels
 from studies.motion import above, mixed
 from studies.parameters import RIG, SCENE
-from studies.results import settings, structure_in
+from studies.results import configuration, settings, structure_in
 from sweeps import DONE, FAILED, PENDING
 
 if TYPE_CHECKING:
@@ -67,15 +67,21 @@ def parts(study: Study, dataset: xr.Dataset) -> Iterator[Any]:
 
 def fixed_text(study: Study, dataset: xr.Dataset) -> str:
     """The operating point, and what else is fixed at another value than the study's default."""
-    values = {name: value for name, value in settings(dataset).items() if name in dataset.coords}
-    defaults = {name: parameter.default for name, parameter in study.parameters.items()}
-    named = [name for name, value in values.items() if name in SCENE or value != defaults.get(name, value)]
-    text = [labels.named(name, values[name], str(dataset[name].attrs.get("units", "1"))) for name in named]
-    if structure := structure_in(dataset):
-        text.append(structure["name"])
-    if set(RIG) <= set(values) and claims.is_papers_rig(dataset):
+    text = fixed_parts(study, dataset)
+    if set(RIG) <= set(settings(dataset)) and claims.is_papers_rig(dataset):
         text.append("the paper's rig")
     return f"At {', '.join(text)}." if text else f"{study.title}."
+
+
+def fixed_parts(study: Study, dataset: xr.Dataset, *, figure: bool = False) -> list[str]:
+    """What is fixed, besides a scene's numbers only what is not the default; a figure counts those drawn."""
+    values = {name: value for name, value in settings(dataset).items() if name in dataset.coords}
+    defaults = {name: parameter.default for name, parameter in study.parameters.items()}
+    drawn = configuration(dataset)["constants"].get("distributions", {}) if figure else {}
+    named = [name for name, value in values.items() if name in SCENE or value != defaults.get(name, value)]
+    text = [labels.named(n, values[n], str(dataset[n].attrs.get("units", "1"))) for n in named if n not in drawn]
+    text += [structure["name"]] if (structure := structure_in(dataset)) else []
+    return text + [f"{len(drawn)} uncertain parameters"] * bool(drawn)
 
 
 def quantities(dataset: xr.Dataset) -> list[str]:

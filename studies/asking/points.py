@@ -55,6 +55,8 @@ def points_of(
     # In the study's order, so that the order of a request changes nothing.
     chosen = {name: requested.get(name, p.default) for name, p in parameters.items() if name not in columns}
     drawn = {name: value for name, value in requested.items() if hasattr(value, "ppf")}
+    if study.scatter is not None and not drawn:
+        drawn = dict(study.scatter({name: value for name, value in chosen.items() if not np.ndim(value)}))
     if drawn and "distributions" in study.takes:
         fixed["distributions"] = {name: draw.text for name, draw in drawn.items()}
         # The nominal rig is in the middle of the uncertain ones.

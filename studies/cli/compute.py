@@ -37,7 +37,7 @@ def plan(study: str, measured: bool, **points: Any) -> None:
     fiv plan scenes --set V=log:1e-3:1e-2:10 --record velocity_B
     """  # noqa: D301 - the backspace tells click to keep the lines
     one, planned, _, lines = _planned(study, points, False)
-    show(with_axes(one, planned, repr(timed(planned)) if measured else estimated(one.name, planned)[1]))
+    show(with_axes(one, planned, repr(timed(planned)) if measured else estimated(one, planned)[1]))
     say(*lines)
 
 
@@ -158,10 +158,10 @@ class MapCommand(click.Command):
 
     def format_epilog(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the quantities and parameters, with their units."""
-        from studies.gallery import maps
+        from studies import registry
 
         for head, kind in (("Quantities", "outputs"), ("Parameters", "parameters")):
-            units = {k: v.units for study in maps.STUDIES.values() for k, v in getattr(study, kind).items()}
+            units = {k: v.units for study in registry.maps().values() for k, v in getattr(study, kind).items()}
             texts = [name if unit == "1" else f"{name} [{unit}]" for name, unit in units.items()]
             with formatter.section(head):
                 formatter.write_text(", ".join(texts))
@@ -179,14 +179,14 @@ def draw_map(quantity: str, fail_fast: bool, yes: bool, share: str | None, **opt
 
     With --refine the SPECs give a coarse lattice, whose intervals are halved where the map changes.
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies.gallery import maps
+    from studies import runner
 
     announce_compiling()
     assigned = {"--fix": options.pop("fixed"), "--scatter": options.pop("scatter")}
     fix, lines = _values(options.pop("standard_error"), assigned), list[str]()
     how = options.pop("scheduler"), options.pop("workers")
     with warned(lines.append):
-        one, planned = maps.plan(quantities=quantity, fix=fix, command=typed(*SHOWING), **options)
+        one, planned = runner.plan_map(quantities=quantity, fix=fix, command=typed(*SHOWING), **options)
     execute(one, _shared(planned, share), how, fail_fast, yes, lines)
 
 

@@ -15,8 +15,8 @@ from fivcore import Structure, checks
 from fivcore.structure import motion_cutoff
 from studies import request, spec, uncertainty
 from studies.asking.sweep import sweep_of
-from studies.gallery import maps
 from studies.parameters import RIG, Parameter, check_keys, suggest, unusual, warn_unusual
+from studies.registry import of_quantities
 from studies.study import Study
 from sweeps import InputError, Sweep
 
@@ -149,7 +149,7 @@ class _Reader:
             # A map's motion, of which every realisation counts.
             study, at = self.resolve("regimes"), {"numerical_damping": "none", **at}
         else:
-            study = maps.STUDIES[maps.quantity_group(outputs[0])]
+            study = of_quantities(outputs[:1])
         dims = {dim for variable in study.outputs.values() for dim in variable.dims} - study.parameters.keys()
         chosen = {name: value for name, value in at.items() if name in dims}
         source, sweep = self._source(study, {name: value for name, value in at.items() if name not in dims})

@@ -88,10 +88,17 @@ def regimes(axes: Axes, codes: xr.DataArray, x: str, y: str) -> list[Patch]:
     from matplotlib.colors import ListedColormap
 
     cells(axes, codes, x, y, cmap=ListedColormap(COLOURS), vmin=-0.5, vmax=len(KINDS) - 0.5)
-    ends = (edges(labels.readable(codes[name]).values.astype(float)) for name in (x, y))
-    failed = np.ma.masked_not_equal(codes.transpose(y, x).values, FAILED)
-    axes.pcolor(*ends, failed, hatch="xxxx", facecolor="none", edgecolor=figures.GREY, linewidth=0.0)
+    hatch_failed(axes, codes == FAILED, x, y, linewidth=0.0, label=None)
     return patches(codes)
+
+
+def hatch_failed(axes: Axes, failed: xr.DataArray, x: str, y: str, **look: Any) -> None:
+    """Hatch the cells of failed points."""
+    ends = (edges(labels.readable(failed[name]).values.astype(float)) for name in (x, y))
+    cells = np.ma.masked_equal(failed.transpose(y, x).values.astype(float), 0.0)
+    if cells.count():
+        look = {"facecolor": "none", "edgecolor": figures.GREY, "label": "failed"} | look
+        axes.pcolor(*ends, cells, hatch="xxxx", **look)
 
 
 def over_others(data: Any, x: str, y: str, others: Sequence[str], title: str, draw: Callable[..., Any]) -> Figure:

@@ -14,9 +14,8 @@ from compliance_checker.cf import util
 from compliance_checker.runner import CheckSuite
 
 import studies
-from studies import registry
+from studies import registry, runner
 from studies.asking.sweep import sweep_of
-from studies.gallery import maps
 from sweeps import Axis, Grid, Sweep, Variable
 from tests import HOME
 
@@ -41,7 +40,7 @@ def suite():
 def fresh(tmp_path_factory):
     """Files of every kind that are not among the results: failures, maps, rows, words, recorded series."""
     folder = tmp_path_factory.mktemp("cf")
-    _, plan = maps.plan("theta=-10:20:3", "mu=0:0.5:3", ["growth_rate"], {}, 1, 0.1, folder)
+    _, plan = runner.plan_map("theta=-10:20:3", "mu=0:0.5:3", ["growth_rate"], refine=1, tolerance=0.1, out=folder)
     plan.run("sync")
     plan.store.rename(folder / "growth_rate.nc")
     # Axes that vary together, and nothing said of what anything is.
