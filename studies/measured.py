@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from io import StringIO
@@ -31,12 +31,11 @@ from fivcore.structure_files import reading, universal_file
 from fivcore.transient import observe
 from studies import spec
 from studies.motion import series
-from studies.plotting import figures
 from studies.results import expanded
 from studies.units import UnitError, convert
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    pass
 
 Array = NDArray[Any]
 
@@ -234,7 +233,7 @@ def quiet_spells(values: Array, rate: float, band: tuple[float, float]) -> Array
 def lines(observer: observe.Observer) -> tuple[Array, Array]:
     """Frequencies of the spectral lines outside quiet spells, Hz, the strongest first, and levels below it, dB."""
     frequency, power = observer.moving.frequency, observer.moving.power
-    level = figures.decibels(power / max(power.max(), 1e-300))
+    level = series.decibels(power / max(power.max(), 1e-300))
     tops, _ = filters.find_peaks(level, prominence=PROMINENCE)
     tops = tops[np.argsort(-level[tops], kind="stable")][:LINES]
     tops = tops[level[tops] >= level[tops].max(initial=-np.inf) - DEPTH]
@@ -248,14 +247,3 @@ def velocity(signal: Signal) -> Signal:
         return replace(signal, values=convert(1.0, signal.unit, "m s-1", "what is drawn") * signal.values)
     except UnitError as problem:
         raise InputError(f"unit = {signal.unit}: {problem}; nothing is integrated") from None
-
-
-def draw(panels: Sequence[Axes], signal: Signal) -> None:
-    """A measured `velocity` in the last row of panels, mm/s, and its spectrum in all of the right column."""
-    time, frequency = np.arange(len(signal.values)) / signal.rate, series.frequencies(signal.rate).values / 1e3
-    power = figures.decibels(series.spectrum(signal.values, np.ones(len(time), dtype=bool), signal.rate))
-    panels[-2].set_title(f"measured: {signal.name}", loc="left")
-    panels[-2].set_ylabel("velocity / (mm/s)")
-    figures.trace(panels[-2], time, 1e3 * signal.values, color=figures.ORANGE)
-    for right in panels[1::2]:
-        right.plot(frequency, power, color=figures.ORANGE, linewidth=0.8, label="measured")

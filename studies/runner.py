@@ -16,7 +16,7 @@ import numpy as np
 
 import sweeps
 from fivcore.errors import FIXED, fixed_contact
-from studies import reference, registry
+from studies import reference, registry, summary
 from studies.asking import mapping
 from studies.asking.sweep import sweep_of
 from studies.parameters import unusual, warn_unusual
@@ -191,7 +191,7 @@ def draw(study: Study, dataset: xr.Dataset) -> dict[str, Any]:
     from studies.plotting import figures, general
 
     with figures.style():
-        shown = study.presented(dataset) if study.figure is not None else None
+        shown = summary.presented(study, dataset) if study.figure is not None else None
         whole = general.draw(dataset, study) if shown is None or study.figure is None else study.figure(shown)
         drawn = {"": whole}
         names = [name for name in general.series_of(dataset) if name not in study.outputs]

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from fivcore import FlutterOnsets, Friction, Rig, Scene, Structure, flutter_onsets, sliding_modes, unstable_windows
-from studies import summary
+from studies import labels
 from studies.labels import number
 from studies.motion.run import BAND
 from studies.motion.scenes import friction_of
@@ -196,7 +196,7 @@ def intervals_summary(dataset: xr.Dataset, mu: float) -> Iterator[Any]:
         yield f"No pair is unstable {where}."
     else:
         names = [f"window_{name}" for name in INTERVALS if "open" not in name]
-        table = summary.frame(dataset, names, along="window")
+        table = labels.frame(dataset, names, along="window")
         table.columns = ["from °", "to °", "from Hz", "to Hz", "largest growth 1/s", "at °", "at Hz"]
         for head, mark in (("from °", "< "), ("to °", "> ")):
             cut = dataset[f"window_open_{head[:-2]}"].values == ENDS.index("end of the range")

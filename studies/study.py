@@ -10,19 +10,43 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from studies.parameters import FRICTION, RIG, SCENE, Parameter, suggest
-from studies.results import is_usual
-from sweeps import DONE, PENDING, Axis, InputError, Variable
+from sweeps import Axis, InputError, Variable
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    from studies.claims import Claim
 
-__all__ = ["Parameter", "Study"]
+__all__ = ["Claim", "Parameter", "Study"]
 
 # The parameter that names the one which chains of scenes follow.
 FOLLOW = "follow"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A number or a word that the paper prints, and the value of a result that answers it.
+
+    Attributes
+    ----------
+    variable : str
+        Of the result.
+    at : mapping
+        Values of parameters, or indices along a dimension that has no values; a pair means all values of an axis
+        between its ends, both excluded. Without theta, mu or F: those of the paper's operating point.
+    value : float or str
+        In the variable's units, NaN if the paper has no number; the word of a variable with flags.
+    section : str
+        Of the paper: section, figure or table.
+    cells : bool
+        A value of an axis represents its surroundings: the nearest one within the axis's range answers.
+    """
+
+    variable: str
+    at: Mapping[str, float | str | tuple[float, float]]
+    value: float | str
+    section: str
+    cells: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,20 +148,6 @@ class Study:
     def dims(self) -> tuple[str, ...]:
         """Dimensions of the points of a run without requests."""
         return tuple(name for name, parameter in self.parameters.items() if parameter.is_axis)
-
-    def is_usual(self, dataset: xr.Dataset) -> bool:
-        """Whether a result has the study's own dimensions, which its summary and figure present."""
-        return is_usual(dataset, self.dims)
-
-    def presented(self, dataset: xr.Dataset) -> xr.Dataset | None:
-        """The result as summary and figure take it; None for which they are not made, or if no point is done.
-
-        A result that is not finished gets what the study derives; pending points have no values.
-        """
-        status = dataset["status"]
-        if not (self.is_usual(dataset) and (status == DONE).any()):
-            return None
-        return self.derive(dataset) if self.derive is not None and (status == PENDING).any() else dataset
 
     def parameter(self, name: str, structure: Any = None) -> Parameter:
         """A parameter by its name; an `InputError` suggests the nearest, with a structure not of the beams."""

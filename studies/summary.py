@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from studies import claims, labels
 from studies.motion import above, mixed
 from studies.parameters import RIG, SCENE
-from studies.results import configuration, settings, structure_in
+from studies.results import configuration, is_usual, settings, structure_in
 from sweeps import DONE, FAILED, PENDING
 
 if TYPE_CHECKING:
@@ -27,26 +27,16 @@ LISTED = 5
 WIDTH = 100
 
 
-def frame(dataset: xr.Dataset, names: Sequence[str], along: str | Sequence[str] | None = None) -> pd.DataFrame:
-    """A table of variables and coordinates in a reader's units: heads are like "V mm/s", flags are words.
+def presented(study: Study, dataset: xr.Dataset) -> xr.Dataset | None:
+    """The result as summary and figure take it; None for which they are not made, or if no point is done.
 
-    `along` has the dimensions of the rows, by default those that the variables have.
+    They present a result with the study's own dimensions. One that is not finished gets what the study derives;
+    pending points have no values.
     """
-    import pandas as pd
-    import xarray as xr
-
-    arrays = [dataset[name] for name in names]
-    dims = [along] if isinstance(along, str) else list(along or dict.fromkeys(d for a in arrays for d in a.dims))
-    columns = {}
-    for name, array in zip(names, xr.broadcast(*arrays), strict=True):
-        values = array.transpose(*dims) if set(array.dims) == set(dims) else array
-        if "flag_meanings" in array.attrs:
-            column: Any = labels.words(values)
-        else:
-            column = labels.readable(values).values
-        unit = labels.unit_of(array)[0]
-        columns[f"{labels.SYMBOLS.get(name, name)} {unit}".strip()] = np.ravel(column)
-    return pd.DataFrame(columns)
+    status = dataset["status"]
+    if not (is_usual(dataset, study.dims) and (status == DONE).any()):
+        return None
+    return study.derive(dataset) if study.derive is not None and (status == PENDING).any() else dataset
 
 
 def parts(study: Study, dataset: xr.Dataset) -> Iterator[Any]:
@@ -55,7 +45,7 @@ def parts(study: Study, dataset: xr.Dataset) -> Iterator[Any]:
     yield from (f"Of the structure: {remark}." for remark in structure_in(dataset).get("remarks", ()))
     if pending := int((dataset["status"] == PENDING).sum()):
         yield f"{pending} of {dataset['status'].size} points are not computed yet; this is of the others."
-    shown = study.presented(dataset) if study.summary is not None else None
+    shown = presented(study, dataset) if study.summary is not None else None
     yield from general(dataset) if shown is None or study.summary is None else study.summary(shown)
     beside = claims.beside(dataset if shown is None else shown, study.claims)
     if len(beside):

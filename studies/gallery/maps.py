@@ -20,7 +20,7 @@ from fivcore import (
     painleve_mu,
 )
 from fivcore.errors import SceneError, UnsolvedError
-from studies import labels, summary, uncertainty
+from studies import labels, uncertainty
 from studies.gallery import knock
 from studies.motion import ensemble, run
 from studies.motion.jobs import outcomes
@@ -158,7 +158,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         yield f"{labels.title(name, dataset[name])}: {found}."
     yield " ".join([f"{dataset['status'].size} points.", *report(dataset)])
     if y is None:
-        yield "Values", summary.frame(dataset, [x, *names, *(f"{n}_se" for n in names if f"{n}_se" in dataset)])
+        yield "Values", labels.frame(dataset, [x, *names, *(f"{n}_se" for n in names if f"{n}_se" in dataset)])
     if texts := configuration(dataset)["constants"].get("distributions"):
         yield "Uncertain parameters", uncertainty.table(texts)
 

@@ -16,8 +16,8 @@ from fivcore.stability.falling import sliding_point
 from fivcore.structure import modal_structure
 from fivcore.transient.fast.steady import eigenvalues
 from fivcore.transient.published import with_numerical_damping
-from studies import labels, paper, summary
-from studies.claims import Claim, is_papers_rig
+from studies import labels, paper
+from studies.claims import is_papers_rig
 from studies.motion import ensemble, mixed, regimes, run
 from studies.motion.jobs import Job, outcomes
 from studies.motion.regimes import KINDS
@@ -25,7 +25,7 @@ from studies.plotting import figures, planes
 from studies.results import rig_of
 from studies.spec import evenly, logarithmically
 from studies.stability import first_onsets, largest_growth, sliding_of
-from studies.study import Parameter, Study
+from studies.study import Claim, Parameter, Study
 from sweeps import DONE, FAILED, Variable
 
 if TYPE_CHECKING:
@@ -184,7 +184,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         pd.DataFrame(found, columns=["verdict", "scenes", "where"]),
     )
     if np.isfinite(dataset["onset_mu"]).any():
-        onsets = summary.frame(dataset, [*map(str, dataset["onset_mu"].dims), "onset_mu", "onset_frequency"])
+        onsets = labels.frame(dataset, [*map(str, dataset["onset_mu"].dims), "onset_mu", "onset_frequency"])
         yield f"Lowest mu at which steady sliding flutters (modes {BELOW})", onsets
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from fivcore import Scene, Transient, Until, checks
-from studies import paper, summary
+from studies import labels, paper
 from studies.motion import ensemble, regimes, run, series
 from studies.motion.jobs import Job, outcomes
 from studies.plotting import general
@@ -61,7 +61,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     counts = ", ".join(f"{n} {kind}" for n, kind in zip(numbers, regimes.KINDS, strict=True) if n)
     yield f"{numbers.sum()} scenes, {regimes.damping_text(dataset)}: {counts}."
     points = dataset[[*COLUMNS, "status"]].stack(point=dataset["status"].dims, create_index=False)
-    table = summary.frame(points.isel(point=slice(MOST_ROWS)), COLUMNS, along="point")
+    table = labels.frame(points.isel(point=slice(MOST_ROWS)), COLUMNS, along="point")
     more = f" (the first {MOST_ROWS} of {points.sizes['point']})" if points.sizes["point"] > MOST_ROWS else ""
     yield f"Scenes{more}", table
 

@@ -10,8 +10,8 @@ import pandas as pd
 import xarray as xr
 
 from fivcore import OnsetCurves, Rig, onset_curves
-from studies import paper, results, spec, summary
-from studies.claims import Claim, is_papers_rig, rig_text
+from studies import labels, paper, results, spec
+from studies.claims import is_papers_rig, rig_text
 from studies.motion.run import BAND
 from studies.parameters import SLIDING, Parameter
 from studies.plotting import figures, general, planes
@@ -23,7 +23,7 @@ from studies.stability import (
     with_flags,
     with_unstable_intervals,
 )
-from studies.study import Study
+from studies.study import Claim, Study
 from sweeps import Variable
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     if comment := dataset["pair_onset_mu"].attrs.get("comment", ""):
         yield f"The onsets could not be followed over theta: {comment}."
     frames = [
-        summary.frame(dataset, [f"{dim}_lowest_{name}" for name in ("frequency", "mu", "theta")], along=dim)
+        labels.frame(dataset, [f"{dim}_lowest_{name}" for name in ("frequency", "mu", "theta")], along=dim)
         for dim in BRANCHES
     ]
     table = pd.concat([of.set_axis(["Hz", "lowest mu", "at °"], axis=1) for of in frames], ignore_index=True)

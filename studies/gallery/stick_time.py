@@ -12,8 +12,7 @@ import pandas as pd
 import xarray as xr
 
 from fivcore import Scene, checks
-from studies import labels, paper, spec, summary
-from studies.claims import Claim
+from studies import labels, paper, spec
 from studies.gallery.stick_fit import SLOW, SPAN, with_laws
 from studies.motion import ensemble
 from studies.motion.jobs import outcomes
@@ -21,7 +20,7 @@ from studies.motion.regimes import damping_text
 from studies.motion.run import SETTLING
 from studies.parameters import RUN, Parameter
 from studies.plotting import figures, planes
-from studies.study import Study
+from studies.study import Claim, Study
 from sweeps import Axis, Variable
 
 if TYPE_CHECKING:
@@ -106,7 +105,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     texts = ("start-up, 1 to 2 mm/s", upto, f"sustained, up to {SLOW:.2f} of that", f"{upto}, within {span}")
     laws = [(text, with_ends(at.isel(law=k), "exponent")) for k, text in enumerate(texts)]
     yield "Exponents with 95 % intervals", pd.DataFrame(laws, columns=["sticks", "n"])
-    table = summary.frame(at, ["V"])
+    table = labels.frame(at, ["V"])
     for k, (kind, look) in enumerate(LOOKS.items()):
         rows = [at.isel(kind=k, V=place) for place in range(at.sizes["V"])]
         table[look["label"]] = at[f"{kind}_count"].sum("member").values.astype(int)

@@ -152,6 +152,11 @@ def spectrum(series: Array, chosen: NDArray[np.bool_], sample_rate: float) -> Ar
     return 2.0 * total[:count] / (weight * sample_rate) if weight else np.full(count, np.nan)
 
 
+def decibels(power: Any) -> Array:
+    """A power spectral density in decibels, with a floor far below any motion."""
+    return np.asarray(10.0 * np.log10(np.maximum(np.asarray(power, dtype=float), 1e-30)))
+
+
 def runs_of_true(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Begin and end of each run of true flags."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))

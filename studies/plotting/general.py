@@ -10,6 +10,7 @@ import scipy
 import xarray as xr
 
 from studies import labels, paper
+from studies.motion import series
 from studies.motion.regimes import kinds
 from studies.motion.run import REGIMES
 from studies.parameters import RIG, SCENE
@@ -236,7 +237,7 @@ def draw_series(dataset: xr.Dataset, names: Sequence[str]) -> Figure:
         later = values[int(BEGIN * len(values)) :]
         if np.isfinite(later).all() and len(later) >= 2 * SEGMENTS:
             frequency, power = scipy.signal.welch(later, rate, nperseg=2 * len(later) // SEGMENTS)
-            right.plot(1e-3 * frequency, figures.decibels(power), color=figures.BLUE, linewidth=0.8)
+            right.plot(1e-3 * frequency, series.decibels(power), color=figures.BLUE, linewidth=0.8)
             right.set_xlim(0.0, min(10.0, 0.5e-3 * rate))
         right.set_ylabel(f"dB re ({labels.unit_of(dataset[name])[0]})²/Hz")
     panels[-2].set_xlabel("time / s")

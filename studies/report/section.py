@@ -174,7 +174,7 @@ def content(result: Result, tell: Tell) -> dict[str, Any]:
     def summarise() -> None:
         for part in summary.parts(study, dataset):
             made["parts"].append(part if isinstance(part, str) else (part[0], Markup(summary.html(part[1]))))
-        shown = study.presented(dataset) if study.summary is not None else None
+        shown = summary.presented(study, dataset) if study.summary is not None else None
         if study.summary is not None and shown is not None:
             made["finding"] = next((part for part in study.summary(shown) if isinstance(part, str)), "")
 
