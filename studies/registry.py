@@ -15,7 +15,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from studies.results import MAPS, REFERENCE, expanded, is_script
+from studies.answering.results import MAPS, REFERENCE, expanded, is_script
 from sweeps import InputError, load_script
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def load(name: str) -> Study:
     InputError
         If no study has the name; the message suggests the nearest.
     """
-    from studies.parameters import suggest
+    from studies.declaring.parameters import suggest
     from studies.study import Study
 
     if name in NAMES:
@@ -132,7 +132,7 @@ def maps() -> dict[str, Study]:
 
 def of_quantities(names: Sequence[str]) -> Study:
     """The study of a map of these quantities; an `InputError` suggests the nearest name."""
-    from studies.parameters import suggest
+    from studies.declaring.parameters import suggest
 
     known = {name: what for what, study in maps().items() for name, v in study.outputs.items() if not v.dims}
     for name in names:

@@ -16,13 +16,14 @@ import numpy as np
 
 import sweeps
 from fivcore.errors import FIXED, fixed_contact
-from studies import reference, registry, summary
+from studies import registry
+from studies.answering import reference, summary
+from studies.answering.results import MAPS, file_of, is_fit, is_own, open_dataset, reference_folder, results_folder
 from studies.asking import mapping
+from studies.asking.request import Request, structure_of
 from studies.asking.sweep import sweep_of
-from studies.parameters import unusual, warn_unusual
-from studies.request import Request, structure_of
-from studies.results import MAPS, file_of, is_fit, is_own, open_dataset, reference_folder, results_folder
-from studies.spec import typed
+from studies.declaring.parameters import unusual, warn_unusual
+from studies.declaring.spec import typed
 from sweeps import InputError, check_backend
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies.parameters import FRICTION, RIG, SCENE, Parameter, suggest
+from studies.declaring.parameters import FRICTION, RIG, SCENE, Parameter, suggest
 from sweeps import Axis, InputError, Variable
 
 if TYPE_CHECKING:

@@ -19,9 +19,9 @@ from fivcore.transient.published import PAPER_STEP
 from studies.accuracy.errors import with_errors
 from studies.accuracy.presentation import figure, summary
 from studies.accuracy.settings import EXACT, FAST, GIVEN, METHODS, PAPER, SCENES, SETTINGS, model_of, scene_of
+from studies.declaring.parameters import RUN, Parameter
 from studies.motion import ensemble, series
 from studies.motion.run import SETTLING, SUMMARY, summary_of
-from studies.parameters import RUN, Parameter
 from studies.study import Study
 from sweeps import Axis
 

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore.errors import SceneError
+from studies.answering.results import is_usual, settled, structure_in
 from studies.asking.points import Points
+from studies.declaring.parameters import FRICTION, RIG, SCENE
 from studies.motion import scenes
 from studies.motion.above import with_growth_above
-from studies.parameters import FRICTION, RIG, SCENE
-from studies.results import is_usual, settled, structure_in
 from studies.study import Study
 from sweeps import InputError
 

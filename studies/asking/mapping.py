@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from fivcore import Structure, checks
-from studies import spec
-from studies.parameters import suggest
-from studies.request import Request, assignment
-from studies.results import MAPS
+from studies.answering.results import MAPS
+from studies.asking.request import Request, assignment
+from studies.declaring import spec
+from studies.declaring.parameters import suggest
 from studies.study import Study
 from sweeps import InputError, Refinement, Sweep, refined
 

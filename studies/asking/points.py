@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fivcore import Rig, Structure, checks, flutter_onsets, painleve_mu
 from fivcore.errors import SceneError
 from studies import paper
-from studies.parameters import RIG, SCENE, Parameter
+from studies.declaring.parameters import RIG, SCENE, Parameter
 from studies.study import FOLLOW, Study
 from sweeps import Axis, Grid, InputError, Sample, check_size
 

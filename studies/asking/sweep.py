@@ -13,8 +13,8 @@ import numpy as np
 from fivcore import checks
 from studies.asking import call
 from studies.asking.points import Points, points_of
+from studies.declaring.parameters import FRICTION, RIG, SCENE, suggest
 from studies.motion import scenes, series
-from studies.parameters import FRICTION, RIG, SCENE, suggest
 from studies.study import Study
 from sweeps import Axis, Grid, InputError, Sweep, Variable
 
@@ -40,7 +40,7 @@ def sweep_of(
     ----------
     study : Study
     values : mapping
-        By parameter one value, several, or a distribution with `ppf` and `text` (`studies.uncertainty`).
+        By parameter one value, several, or a distribution with `ppf` and `text` (`studies.motion.uncertainty`).
     rows : mapping of str to array_like, (rows,), optional
         Parameters that vary together, a point in each row.
     record, sample_rate : sequence of str, float

@@ -20,7 +20,7 @@ from studies.cli.output import columns, say, show
 from studies.cli.progress import announce_compiling
 
 if TYPE_CHECKING:
-    from studies.request import Request
+    from studies.asking.request import Request
     from studies.study import Study
     from sweeps import Plan
 
@@ -82,7 +82,7 @@ def _offering(assignments: Sequence[str], out: str | None) -> Iterator[None]:
 
 def _values(standard_error: float | None, options: dict[str, Sequence[str]]) -> dict[str, Any]:
     """Values of parameters from options with NAME=SPEC."""
-    from studies.request import assignment
+    from studies.asking.request import assignment
     from sweeps import InputError
 
     values: dict[str, Any] = {} if standard_error is None else {"standard_error": standard_error}
@@ -99,7 +99,9 @@ def _values(standard_error: float | None, options: dict[str, Sequence[str]]) -> 
 def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study, Plan, Request, list[str]]:
     """Study, plan, request and warnings. Options win over a file, and that over a result given as STUDY."""
     from fivcore import Structure
-    from studies import registry, request, results, runner
+    from studies import registry, runner
+    from studies.answering import results
+    from studies.asking import request
     from sweeps import InputError, Store, check_free
 
     assigned = {"--set": options.pop("assignments"), "--scatter": options.pop("scatter")}
@@ -193,7 +195,7 @@ def draw_map(quantity: str, fail_fast: bool, yes: bool, share: str | None, **opt
 @command("check", "Whether the installation computes, stores and draws as it should.")
 def check() -> None:
     """Checks of what the installation computes, stores and draws: a minute at first, most of it to compile."""
-    from studies import check as installation
+    from studies.cli import checks as installation
 
     show(installation.machine())
     announce_compiling()

@@ -70,7 +70,7 @@ def timed(plan: Plan) -> Plan:
 
 def with_axes(study: Study, planned: Plan, text: str) -> str:
     """A plan's report with the ends, the unit and the number of values of each parameter that varies."""
-    from studies import labels
+    from studies.declaring import labels
 
     sweep, lines = planned.sweep, list[str]()
     for name, axis in {**sweep.grid.axes, **sweep.coords}.items():
@@ -115,7 +115,7 @@ def execute(
 @contextmanager
 def watched(planned: Plan) -> Iterator[_Last]:
     """Show the progress of a plan that is executed within; an interrupted one ends with what is stored."""
-    from studies import results
+    from studies.answering import results
     from studies.cli.progress import progress
     from sweeps import ClusterLostError, FailedPointsWarning
 
@@ -137,7 +137,7 @@ def watched(planned: Plan) -> Iterator[_Last]:
 
 def report(study: Study, finished: RunResult, adopted: str = "") -> NoReturn:
     """Print the numbers of a finished run, and what differs, moved or failed; end with the exit code."""
-    from studies import summary
+    from studies.answering import summary
 
     parts = [*summary.parts(study, finished.dataset)]
     show(summary.text(parts))

@@ -13,9 +13,11 @@ import numpy as np
 
 from fivcore import Structure, checks
 from fivcore.structure import motion_cutoff
-from studies import request, spec, uncertainty
+from studies.asking import request
 from studies.asking.sweep import sweep_of
-from studies.parameters import RIG, Parameter, check_keys, suggest, unusual, warn_unusual
+from studies.declaring import spec
+from studies.declaring.parameters import RIG, Parameter, check_keys, suggest, unusual, warn_unusual
+from studies.motion import uncertainty
 from studies.registry import of_quantities
 from studies.study import Study
 from sweeps import InputError, Sweep

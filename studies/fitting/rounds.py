@@ -13,10 +13,10 @@ import numpy as np
 from scipy.special import ndtr
 
 from fivcore.errors import SceneError
+from studies.answering.results import FITS
 from studies.asking.sweep import sweep_of
 from studies.fitting import sampling
 from studies.fitting.problem import Model, Problem, Source, varied
-from studies.results import FITS
 from sweeps import Axis, Grid, InputError, Sweep, Variable
 
 if TYPE_CHECKING:

@@ -12,17 +12,18 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from fivcore import Scene, State, checks
-from studies import labels, paper
+from studies import paper
+from studies.answering.results import rig_of
+from studies.declaring import labels
+from studies.declaring.spec import evenly
 from studies.gallery import knock as knocks
 from studies.motion import regimes, starts
 from studies.motion.run import REGIMES
+from studies.motion.stability import first_onsets
 from studies.motion.starts import COORDINATES
+from studies.motion.uncertainty import wilson
 from studies.plotting import figures, general, planes
-from studies.results import rig_of
-from studies.spec import evenly
-from studies.stability import first_onsets
 from studies.study import Parameter, Study
-from studies.uncertainty import wilson
 from sweeps import Axis, Variable, unit_draws
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from fivcore.stability.assembled import assembled_modes, assembled_onsets
 from fivcore.transient.exact import states_at
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK
-from studies.parameters import Parameter
+from studies.declaring.parameters import Parameter
 from studies.plotting import figures
 from studies.study import Study
 

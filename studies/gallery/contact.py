@@ -13,11 +13,12 @@ from scipy.integrate import cumulative_trapezoid
 from fivcore import LimitCycle, Rig, Scene, Transient, checks, follow_cycle, limit_cycle
 from fivcore.errors import SceneError, UnsolvedError
 from fivcore.transient.published import with_numerical_damping
-from studies import labels, paper
-from studies.claims import is_papers_point
+from studies import paper
+from studies.answering.claims import is_papers_point
+from studies.declaring import labels
+from studies.declaring.parameters import RUN, published
 from studies.motion import regimes, run, series
 from studies.motion.jobs import Job, outcomes, run_all
-from studies.parameters import RUN, published
 from studies.plotting import figures, planes
 from studies.study import Claim, Parameter, Study
 from sweeps import Axis, Variable

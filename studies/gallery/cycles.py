@@ -13,13 +13,13 @@ import xarray as xr
 
 from fivcore import CycleBranch, LimitCycle, Rig, Scene, State, checks, follow_cycle, limit_cycle, sliding_onsets
 from fivcore.errors import SceneError, UnsolvedError
-from studies import labels
+from studies.declaring import labels
+from studies.declaring.parameters import RIG, RUN, SCENE, rig_numbers
+from studies.declaring.spec import evenly
 from studies.gallery import hysteresis, knock
 from studies.motion import regimes, run, starts
 from studies.motion.jobs import Job, run_all
-from studies.parameters import RIG, RUN, SCENE, rig_numbers
 from studies.plotting import figures, general, planes
-from studies.spec import evenly
 from studies.study import Parameter, Study
 from sweeps import Axis, InputError, Variable
 

@@ -13,11 +13,12 @@ import pandas as pd
 import xarray as xr
 
 from fivcore import Rig, Scene, Transient, checks, flutter_onsets
-from studies import labels, paper
-from studies.claims import PRINTED
+from studies import paper
+from studies.answering.claims import PRINTED
+from studies.declaring import labels
+from studies.declaring.parameters import RIG, RUN, SCENE, Parameter, published
 from studies.motion import ensemble, regimes, run
 from studies.motion.jobs import Job, outcomes
-from studies.parameters import RIG, RUN, SCENE, Parameter, published
 from studies.plotting import figures, planes
 from studies.study import Study
 from sweeps import DONE, Axis, Variable

@@ -9,12 +9,13 @@ import numpy as np
 import xarray as xr
 
 from fivcore import Scene, Transient
-from studies import labels, paper
-from studies.claims import is_papers_point
+from studies import paper
+from studies.answering.claims import is_papers_point
+from studies.declaring import labels
+from studies.declaring.parameters import RUN, published
 from studies.motion import regimes, run, series
-from studies.parameters import RUN, published
+from studies.motion.stability import LEAST_STABLE, least_stable
 from studies.plotting import figures, planes
-from studies.stability import LEAST_STABLE, least_stable
 from studies.study import Claim, Parameter, Study
 from sweeps import Variable
 

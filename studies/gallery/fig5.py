@@ -9,8 +9,11 @@ import numpy as np
 import xarray as xr
 
 from fivcore import Rig, Structure, flutter_onsets, sliding_modes
-from studies import labels, paper
-from studies.claims import is_papers_point, rig_text
+from studies import paper
+from studies.answering.claims import is_papers_point, rig_text
+from studies.answering.results import rig_of
+from studies.declaring import labels
+from studies.declaring.spec import evenly
 from studies.motion.run import BAND
 from studies.plotting import figures
 from studies.plotting.modes import (
@@ -21,8 +24,6 @@ from studies.plotting.modes import (
     mark_recoveries,
     name_growing,
 )
-from studies.results import rig_of
-from studies.spec import evenly
 from studies.study import Claim, Parameter, Study
 from sweeps import Axis
 

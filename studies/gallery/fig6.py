@@ -10,11 +10,13 @@ import numpy as np
 import xarray as xr
 
 from fivcore import Rig, SlidingModes, checks, flutter_onsets, node_positions, sliding_modes
-from studies import labels, paper, results, spec
-from studies.claims import is_papers_point
+from studies import paper
+from studies.answering import results
+from studies.answering.claims import is_papers_point
+from studies.declaring import labels, spec
+from studies.declaring.parameters import Parameter
 from studies.gallery import fig5
 from studies.motion import run, scenes
-from studies.parameters import Parameter
 from studies.plotting import figures
 from studies.study import Claim, Study
 from sweeps import Axis, InputError

@@ -9,13 +9,14 @@ import numpy as np
 import xarray as xr
 
 from fivcore import Scene, Transient, glued_frequencies
-from studies import labels, paper
-from studies.claims import is_papers_point
-from studies.measured import Signal
+from studies import paper
+from studies.answering.claims import is_papers_point
+from studies.answering.measured import Signal
+from studies.answering.results import rig_of
+from studies.declaring import labels
+from studies.declaring.parameters import RUN, published
 from studies.motion import regimes, run, series
-from studies.parameters import RUN, published
 from studies.plotting import figures, planes
-from studies.results import rig_of
 from studies.study import Claim, Parameter, Study
 from sweeps import Variable
 

@@ -13,14 +13,14 @@ from scipy.signal import find_peaks
 
 from fivcore import Scene, State, Transient, checks
 from fivcore.contact.reduced import full_model
-from studies import labels
+from studies.declaring import labels
+from studies.declaring.parameters import FRICTION, RIG, RUN, SCENE
+from studies.declaring.spec import evenly
 from studies.gallery.regimes import linear_stability
 from studies.motion import ensemble, regimes, starts
 from studies.motion import run as runs
 from studies.motion.jobs import Job, balanced, run_all
-from studies.parameters import FRICTION, RIG, RUN, SCENE
 from studies.plotting import figures, general, planes
-from studies.spec import evenly
 from studies.study import Parameter, Study
 from sweeps import Axis, InputError, Variable
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore import Scene, State, checks
+from studies.declaring.parameters import Parameter
 from studies.gallery.regimes import linear_stability
 from studies.motion import regimes, starts
-from studies.parameters import Parameter
 from sweeps import Variable
 
 # Shares of the largest knock that are tried in turn: starts of vibration may fill several intervals.

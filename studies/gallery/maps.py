@@ -20,15 +20,15 @@ from fivcore import (
     painleve_mu,
 )
 from fivcore.errors import SceneError, UnsolvedError
-from studies import labels, uncertainty
+from studies.answering.refinement import report
+from studies.answering.results import MAPS, configuration
+from studies.declaring import labels
+from studies.declaring.parameters import RUN, SLIDING, Parameter
 from studies.gallery import knock
-from studies.motion import ensemble, run
+from studies.motion import ensemble, run, uncertainty
 from studies.motion.jobs import outcomes
-from studies.parameters import RUN, SLIDING, Parameter
+from studies.motion.stability import first_of, growths
 from studies.plotting import general
-from studies.refinement import report
-from studies.results import MAPS, configuration
-from studies.stability import first_of, growths
 from studies.study import Study
 from sweeps import Variable
 

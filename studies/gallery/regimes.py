@@ -16,15 +16,16 @@ from fivcore.stability.falling import sliding_point
 from fivcore.structure import modal_structure
 from fivcore.transient.fast.steady import eigenvalues
 from fivcore.transient.published import with_numerical_damping
-from studies import labels, paper
-from studies.claims import is_papers_rig
+from studies import paper
+from studies.answering.claims import is_papers_rig
+from studies.answering.results import rig_of
+from studies.declaring import labels
+from studies.declaring.spec import evenly, logarithmically
 from studies.motion import ensemble, mixed, regimes, run
 from studies.motion.jobs import Job, outcomes
 from studies.motion.regimes import KINDS
+from studies.motion.stability import first_onsets, largest_growth, sliding_of
 from studies.plotting import figures, planes
-from studies.results import rig_of
-from studies.spec import evenly, logarithmically
-from studies.stability import first_onsets, largest_growth, sliding_of
 from studies.study import Claim, Parameter, Study
 from sweeps import DONE, FAILED, Variable
 

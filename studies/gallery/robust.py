@@ -11,15 +11,17 @@ import pandas as pd
 import xarray as xr
 
 from fivcore import Rig, checks
-from studies import labels, paper, uncertainty
-from studies.claims import is_papers_rig, rig_text
+from studies import paper
+from studies.answering.claims import is_papers_rig, rig_text
+from studies.answering.results import configuration, settings
+from studies.declaring import labels
+from studies.declaring.parameters import RIG, Parameter, rig_numbers
+from studies.declaring.spec import evenly
+from studies.motion import uncertainty
 from studies.motion.run import BAND
-from studies.parameters import RIG, Parameter, rig_numbers
+from studies.motion.uncertainty import MOST_SAMPLES, MU_MAX, USUAL
 from studies.plotting import figures, planes
-from studies.results import configuration, settings
-from studies.spec import evenly
 from studies.study import Study
-from studies.uncertainty import MOST_SAMPLES, MU_MAX, USUAL
 from sweeps import DONE, Axis, InputError, Variable
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ import numpy as np
 import xarray as xr
 
 from fivcore import Scene, Transient, Until, checks
-from studies import labels, paper
+from studies import paper
+from studies.declaring import labels
 from studies.motion import ensemble, regimes, run, series
 from studies.motion.jobs import Job, outcomes
 from studies.plotting import general

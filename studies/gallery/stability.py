@@ -10,12 +10,13 @@ import pandas as pd
 import xarray as xr
 
 from fivcore import OnsetCurves, Rig, onset_curves
-from studies import labels, paper, results, spec
-from studies.claims import is_papers_rig, rig_text
+from studies import paper
+from studies.answering import results
+from studies.answering.claims import is_papers_rig, rig_text
+from studies.declaring import labels, spec
+from studies.declaring.parameters import SLIDING, Parameter
 from studies.motion.run import BAND
-from studies.parameters import SLIDING, Parameter
-from studies.plotting import figures, general, planes
-from studies.stability import (
+from studies.motion.stability import (
     first_onsets,
     friction_in,
     growths,
@@ -23,6 +24,7 @@ from studies.stability import (
     with_flags,
     with_unstable_intervals,
 )
+from studies.plotting import figures, general, planes
 from studies.study import Claim, Study
 from sweeps import Variable
 

@@ -11,13 +11,13 @@ import pandas as pd
 import xarray as xr
 
 from fivcore import Scene, Transient
-from studies import labels
+from studies.declaring import labels
+from studies.declaring.parameters import FRICTION
+from studies.declaring.spec import evenly, logarithmically
 from studies.motion import ensemble, mixed, regimes
 from studies.motion.jobs import Job, outcomes
-from studies.parameters import FRICTION
+from studies.motion.stability import largest_growth, sliding_of
 from studies.plotting import figures, general, planes
-from studies.spec import evenly, logarithmically
-from studies.stability import largest_growth, sliding_of
 from studies.study import Parameter, Study
 
 if TYPE_CHECKING:

@@ -10,9 +10,10 @@ import numpy as np
 import xarray as xr
 
 from fivcore import Rig, checks, glued_frequencies, tune_head_mass
-from studies import labels, paper
-from studies.labels import number
-from studies.parameters import RIG, SCENE, Parameter
+from studies import paper
+from studies.declaring import labels
+from studies.declaring.labels import number
+from studies.declaring.parameters import RIG, SCENE, Parameter
 from studies.plotting import figures
 from studies.study import Study
 

@@ -12,15 +12,16 @@ import pandas as pd
 import xarray as xr
 
 from fivcore import Scene, Transient, checks, sliding_modes
-from studies import labels, paper, spec, stability
-from studies.claims import is_papers_point
-from studies.motion import ensemble, regimes
+from studies import paper
+from studies.answering.claims import is_papers_point
+from studies.answering.results import rig_of
+from studies.declaring import labels, spec
+from studies.declaring.parameters import Parameter
+from studies.motion import ensemble, regimes, stability
 from studies.motion.jobs import Job, outcomes
 from studies.motion.run import BAND, SUMMARY
 from studies.motion.series import runs_of_true
-from studies.parameters import Parameter
 from studies.plotting import figures, planes
-from studies.results import rig_of
 from studies.study import Claim, Study
 from sweeps import Axis, Variable
 

@@ -10,9 +10,9 @@ import xarray as xr
 
 from fivcore import growing_frequencies
 from fivcore.errors import SceneError
+from studies.declaring.parameters import FRICTION, RIG, RUN, SCENE
 from studies.motion.run import BAND
 from studies.motion.scenes import normalised, rig_of, scene_of
-from studies.parameters import FRICTION, RIG, RUN, SCENE
 from sweeps import DONE
 
 NAME = "growing_above_band"

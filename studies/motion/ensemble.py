@@ -12,10 +12,10 @@ from scipy.special import betaincc
 
 from fivcore import Scene, Transient, Until, checks
 from fivcore.transient import normalised
+from studies.declaring.parameters import RUN, Parameter
 from studies.motion import mixed
 from studies.motion import run as runs
 from studies.motion.jobs import Job
-from studies.parameters import RUN, Parameter
 from sweeps import Axis, Variable
 
 # A point's value is the largest of its realisations; of a frequency the middle one, for the mean of two spectral

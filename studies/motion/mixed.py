@@ -15,7 +15,7 @@ from scipy.special import fdtrc
 
 from fivcore.transient.observe import FEWEST
 from fivcore.transient.summary import STEADY_SHARE, STEADY_SPREAD
-from studies import labels
+from studies.declaring import labels
 from studies.motion.regimes import STEADY, is_of
 from sweeps import DONE
 

@@ -71,7 +71,7 @@ SCALED = (
 def options(
     *, ramp: float, cutoff: float | None, skip_long_sticks: int, numerical_damping: str, **others: Any
 ) -> dict[str, Any]:
-    """Arguments of `fivcore.simulate` from the parameters of a run (`studies.parameters.RUN`)."""
+    """Arguments of `fivcore.simulate` from the parameters of a run (`studies.declaring.parameters.RUN`)."""
     run = {"method": METHOD, "ramp": ramp, "cutoff": cutoff, "settle": others.get("settle")}
     return run | {"skip_sticks": bool(skip_long_sticks), "numerical_damping": numerical_damping}
 

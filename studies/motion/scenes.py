@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fivcore import Friction, Rig, Scene, Structure
 from fivcore.transient.normalised import Normalised
-from studies.parameters import FRICTION, RIG, SCENE
+from studies.declaring.parameters import FRICTION, RIG, SCENE
 from sweeps import InputError
 
 

@@ -13,9 +13,9 @@ from fivcore.errors import InputError, SceneError
 from fivcore.stability.exponents import sliding_shape
 from fivcore.stability.falling import wedging
 from fivcore.structure import Structure, modal_structure
+from studies.declaring.parameters import RUN, Parameter
 from studies.motion import run as runs
 from studies.motion.jobs import balanced, run_all
-from studies.parameters import RUN, Parameter
 
 Array = NDArray[np.float64]
 

@@ -9,14 +9,15 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from studies import labels, paper
+from studies import paper
+from studies.answering.results import PATHS, configuration, settings, structure_in
+from studies.answering.summary import fixed_parts, quantities
+from studies.declaring import labels
+from studies.declaring.parameters import RIG, SCENE
 from studies.motion import series
 from studies.motion.regimes import kinds
 from studies.motion.run import REGIMES
-from studies.parameters import RIG, SCENE
 from studies.plotting import figures, planes
-from studies.results import PATHS, configuration, settings, structure_in
-from studies.summary import fixed_parts, quantities
 from sweeps import DONE, FAILED
 
 if TYPE_CHECKING:

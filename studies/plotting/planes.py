@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from studies import labels
+from studies.declaring import labels
 from studies.motion.mixed import several
 from studies.motion.regimes import KINDS
 from studies.plotting import figures

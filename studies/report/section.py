@@ -22,10 +22,12 @@ import xarray as xr
 from markupsafe import Markup
 
 import sweeps
-from studies import labels, registry, results, runner, summary
+from studies import registry, runner
+from studies.answering import results, summary
+from studies.answering.results import settings
+from studies.declaring import labels
 from studies.motion.regimes import KINDS
 from studies.plotting import figures, planes
-from studies.results import settings
 from studies.study import Study
 
 # A result with more rows, or more values, is thinned on the page.

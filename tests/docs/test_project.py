@@ -10,9 +10,10 @@ from importlib.metadata import packages_distributions, version
 
 import pytest
 
-from studies import claims, make_reference, registry
+from studies import registry
+from studies.answering import claims
 from studies.asking.sweep import sweep_of
-from tests import HOME
+from tests import HOME, make_reference
 from tests.docs import readmes
 
 README = readmes.TEXTS["README.md"]
@@ -115,6 +116,26 @@ def test_imports_form_no_circle(package):
         name = ".".join(file.parent.relative_to(HOME).parts)
         found[name] = in_circles(child_imports(name))
     assert {name: circle for name, circle in found.items() if circle} == {}
+
+
+# Rooms of studies and files of its root, the lowest floor first.
+FLOORS = (
+    "paper", "declaring", "motion", "study", "answering", "asking", "plotting", "gallery", "accuracy", "stress",
+    "registry", "fitting", "runner", "query", "report", "cli", "__main__",
+)  # fmt: skip
+
+
+def test_studies_import_from_the_floors_below_only():
+    graph = {name.removeprefix("studies."): below for name, below in child_imports("studies").items()}
+    graph.pop("studies")  # the names for users
+    assert sorted(graph) == sorted(FLOORS)
+    for name, below in graph.items():
+        names = {each.removeprefix("studies.") for each in below} - {"studies"}
+        assert names <= {*FLOORS[: FLOORS.index(name)]}, name
+
+
+def test_the_root_of_studies_is_a_hall():
+    assert len([*(HOME / "studies").glob("*.py")]) <= 6
 
 
 def test_no_test_imports_another():

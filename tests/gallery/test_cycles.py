@@ -5,7 +5,8 @@ import pytest
 
 from fivcore import CycleBranch, Rig, Scene, flutter_onsets, follow_cycle, limit_cycle, simulate
 from fivcore.cycles.branch import Place
-from studies import registry, summary
+from studies import registry
+from studies.answering import summary
 from studies.asking.sweep import sweep_of
 from studies.gallery import contact, cycles
 from sweeps import InputError

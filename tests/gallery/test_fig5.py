@@ -6,12 +6,13 @@ import pytest
 from fivcore import Structure, flutter_onsets, sliding_modes
 from fivcore.rig import Rig
 from fivcore.structure import modal_structure
-from studies import registry, summary
+from studies import registry
+from studies.answering import summary
 from studies.asking.sweep import sweep_of
+from studies.declaring.spec import evenly
 from studies.motion.run import BAND
 from studies.plotting import figures
 from studies.plotting.modes import UNSTABLE
-from studies.spec import evenly
 from tests.helpers.scattered import rig_of, scattered
 
 STUDY = registry.load("fig5")

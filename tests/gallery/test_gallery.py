@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from studies import claims, make_reference, paper, reference, registry, runner, summary
+from studies import paper, registry, runner
 from studies.accuracy.study import COSTS
+from studies.answering import claims, reference, summary
 from studies.asking.sweep import sweep_of
 from studies.plotting import figures
 from sweeps.storage.assemble import rounded
 from sweeps.task import Task, one_blas_thread
-from tests import HOME
+from tests import HOME, make_reference
 
 KEPT = HOME / "results" / "reference"
 # Those that take long as they are.

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from fivcore import Friction, Scene, sliding_onsets
-from studies import registry, summary
+from studies import registry
+from studies.answering import summary
 from studies.asking.sweep import sweep_of
+from studies.declaring.parameters import RUN
 from studies.gallery import hysteresis
 from studies.gallery.classics import block_of
 from studies.motion import regimes
-from studies.parameters import RUN
 from sweeps import InputError
 
 OPTIONS = {name: parameter.default for name, parameter in RUN.items()}

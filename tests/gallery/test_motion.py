@@ -9,7 +9,8 @@ import xarray as xr
 from fivcore import Rig, Scene, glued_frequencies, painleve_mu, simulate, simulate_many
 from fivcore.contact import reduced
 from fivcore.transient.summary import LONG_SHARE
-from studies import paper, registry, summary
+from studies import paper, registry
+from studies.answering import summary
 from studies.asking.sweep import sweep_of
 from studies.gallery import contact
 from studies.motion import regimes, run, series

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, flutter_onsets
-from studies import runner, summary
+from studies import runner
+from studies.answering import summary
 from studies.asking.sweep import sweep_of
 from studies.gallery.robust import STUDY
-from studies.uncertainty import USUAL, parse
+from studies.motion.uncertainty import USUAL, parse
 
 GIVEN = {"theta": [0.0, 5.0, 8.0], "mu": np.linspace(0.0, 0.3, 61), "samples": 64, "sobol_samples": 16, "seed": 2}
 SMALL = GIVEN | {"theta": [5.0], "samples": 8, "sobol_samples": 2}

@@ -5,7 +5,8 @@ import pytest
 
 from fivcore import Friction, Rig, Scene, Structure, flutter_onsets, simulate, sliding_modes
 from fivcore.friction import DECAYS
-from studies import registry, summary
+from studies import registry
+from studies.answering import summary
 from studies.asking.sweep import sweep_of
 from studies.gallery import maps
 from studies.gallery.stribeck import shares
@@ -99,7 +100,7 @@ def test_what_a_constant_friction_does_not_depend_on_has_one_value():
 
 
 def test_laws_of_friction_are_drawn_and_derived_values_know_them(computed):
-    from studies.uncertainty import parse
+    from studies.motion.uncertainty import parse
 
     values = {
         "kinetic_ratio": parse("uniform:0.6:1.2", "kinetic_ratio"),

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, flutter_onsets, sliding_modes
-from studies import paper, registry, summary
+from studies import paper, registry
+from studies.answering import summary
 from studies.asking.sweep import sweep_of
 from studies.gallery import fig6, table4
 from sweeps import InputError

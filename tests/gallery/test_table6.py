@@ -6,9 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fivcore import Rig, sliding_modes, unstable_windows
-from studies import claims, paper, registry, runner, stability, summary
+from studies import paper, registry, runner
+from studies.answering import claims, summary
 from studies.asking.sweep import sweep_of
-from studies.motion import ensemble, regimes, run
+from studies.motion import ensemble, regimes, run, stability
 
 # Angles on either side of every bound, and all of which the paper's text gives a number.
 ANGLES = [-5.0, 0.0, 0.5, 1.0, 2.5, 5.0, 10.0, 10.5, 11.0, 12.0, 12.5, 15.0]

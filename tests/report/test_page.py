@@ -22,11 +22,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from studies import registry, results, runner
+from studies import registry, runner
+from studies.answering import results
+from studies.asking.request import Request, assignment
 from studies.asking.sweep import sweep_of
 from studies.plotting import figures, general
 from studies.report import page, section, watch
-from studies.request import Request, assignment
 from studies.study import Parameter, Study
 from sweeps import Axis, InputError, Variable, open_results
 from tests import HOME

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from fivcore import InputError, OutOfBandWarning, Rig, Scene, growing_frequencies, simulate
-from studies import registry, summary
+from studies import registry
 from studies.accuracy.rigs import drawn_scene
+from studies.answering import summary
 from studies.asking.sweep import sweep_of
+from studies.declaring.parameters import RIG
 from studies.gallery import maps
 from studies.motion.above import NAME
-from studies.parameters import RIG
 
 SCENE = replace(drawn_scene(2010, 9), mu=0.18)
 RUN = {"duration": 0.02, "ramp": 1e-3}

@@ -13,10 +13,10 @@ from scipy import stats
 
 from fivcore import Rig, Scene, Transient, simulate, sliding_modes
 from fivcore.contact.reduced import default_cutoff, reduced_model
-from studies import summary
 from studies.accuracy import errors, presentation, study
 from studies.accuracy.settings import CONVERGED, DEFAULT, FAST, PAPER, PUBLISHED, SETTINGS, TWO, scene_of
 from studies.accuracy.study import STUDY
+from studies.answering import summary
 from studies.asking.sweep import sweep_of
 from studies.plotting import figures
 

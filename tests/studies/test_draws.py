@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 import studies
-from studies import registry, request, runner, summary
+from studies import registry, runner
+from studies.answering import summary
+from studies.asking import request
+from studies.asking.request import Request
 from studies.asking.sweep import sweep_of
-from studies.request import Request
 
 RUN = {"theta": 5.0, "F": 9.0, "duration": 0.05}
 

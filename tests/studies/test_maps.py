@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene, flutter_onsets, glued_frequencies, limit_cycle, painleve_mu, sliding_modes
-from studies import registry, results, runner, summary
+from studies import registry, runner
+from studies.answering import results, summary
 from studies.gallery import maps
 from studies.motion import ensemble, run
 from studies.motion.jobs import run_all

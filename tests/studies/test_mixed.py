@@ -5,7 +5,8 @@ import pytest
 import xarray as xr
 
 from fivcore import Scene, Until, simulate
-from studies import registry, summary
+from studies import registry
+from studies.answering import summary
 from studies.asking.sweep import sweep_of
 from studies.motion import ensemble, mixed, run
 from studies.plotting import planes

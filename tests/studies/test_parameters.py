@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from fivcore import Beam, Rig
-from studies import parameters, spec
+from studies.asking.request import Request, rows
 from studies.asking.sweep import sweep_of
-from studies.parameters import FRICTION, RIG, RUN, SCENE, Parameter, unusual
-from studies.request import Request, rows
+from studies.declaring import parameters, spec
+from studies.declaring.parameters import FRICTION, RIG, RUN, SCENE, Parameter, unusual
 from studies.study import Study
 from sweeps import InputError
 from tests.helpers.rigs import workshop_rig

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from studies import request, spec
+from studies.asking import request
+from studies.asking.request import Request
 from studies.asking.sweep import sweep_of
+from studies.declaring import spec
+from studies.declaring.units import convert
 from studies.gallery import fig5
-from studies.request import Request
 from studies.study import Parameter, Study
-from studies.units import convert
 from sweeps import InputError
 
 

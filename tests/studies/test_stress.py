@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from fivcore import Rig
-from studies import summary
+from studies.answering import summary
 from studies.asking.sweep import sweep_of
 from studies.plotting import figures
 from studies.stress import study

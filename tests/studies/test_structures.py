@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from fivcore import DampingWarning, Rig, Structure, flutter_onsets, painleve_mu
-from studies import registry, summary
+from studies import registry
+from studies.answering import summary
 from studies.asking.sweep import sweep_of
 
 

@@ -7,7 +7,8 @@ import pytest
 
 import studies
 from fivcore import Beam, Rig, flutter_onsets, sliding_modes
-from studies import claims, registry, results, runner, summary
+from studies import registry, runner
+from studies.answering import claims, results, summary
 from studies.asking.sweep import sweep_of
 from studies.gallery import fig5
 from studies.study import Parameter, Study

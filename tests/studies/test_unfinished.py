@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from studies import registry, runner, summary
-from studies.results import settled
+from studies import registry, runner
+from studies.answering import summary
+from studies.answering.results import settled
 from sweeps import DONE, PENDING
 from tests import HOME
 

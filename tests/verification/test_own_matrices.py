@@ -11,9 +11,9 @@ from fivcore import flutter_onsets, lyapunov_exponent, simulate, sliding_modes
 from fivcore.contact.reduced import default_cutoff, reduced_model
 from fivcore.transient.normalised import Normalised
 from studies.accuracy.rigs import drawn_scene
+from studies.declaring.parameters import RUN
 from studies.gallery import hysteresis, knock
 from studies.motion import regimes, starts
-from studies.parameters import RUN
 from tests.benchmarks.constants import apart, shares
 from tests.helpers.structures import beams
 

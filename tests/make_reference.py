@@ -1,4 +1,4 @@
-"""Compute the repository's own outcomes: `python -m studies.make_reference [--adopt N] [STUDY ...]`.
+"""Compute the repository's own outcomes: `python -m tests.make_reference [--adopt N] [STUDY ...]`.
 
 All studies if none is named, from nothing and with their defaults (two hours of one core), those of the paper's
 motion with the identified damping too; it updates what `fiv list` prints of each. With --adopt, after a change
@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from studies import claims, paper, registry, runner
+from studies import paper, registry, runner
 from studies.accuracy.study import COSTS
+from studies.answering import claims
+from studies.answering.results import REFERENCE
 from studies.asking.sweep import sweep_of
-from studies.results import REFERENCE
 from studies.study import Study
 from sweeps import Adopt, open_results
 

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies import labels, paper
+from studies import paper
+from studies.answering.results import settings, structure_in
+from studies.declaring import labels
+from studies.declaring.parameters import RIG
+from studies.declaring.spec import nearest
 from studies.motion import regimes
-from studies.parameters import RIG
-from studies.results import settings, structure_in
-from studies.spec import nearest
 from studies.study import Claim
 
 if TYPE_CHECKING:

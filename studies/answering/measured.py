@@ -29,10 +29,10 @@ from scipy import signal as filters
 from fivcore import InputError
 from fivcore.structure_files import reading, universal_file
 from fivcore.transient import observe
-from studies import spec
+from studies.answering.results import expanded
+from studies.declaring import spec
+from studies.declaring.units import UnitError, convert
 from studies.motion import series
-from studies.results import expanded
-from studies.units import UnitError, convert
 
 if TYPE_CHECKING:
     pass

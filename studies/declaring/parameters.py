@@ -231,7 +231,7 @@ def warn_unusual(lines: Sequence[str], *, strict: bool) -> str:
     if lines and strict:
         raise InputError(f"{lines[0]}; leave strict out to compute it all the same")
     # The first caller outside this package gave the value.
-    level, frame, package = 1, sys._getframe(), str(Path(__file__).parent)
+    level, frame, package = 1, sys._getframe(), str(Path(__file__).parents[1])
     while frame.f_back is not None and frame.f_code.co_filename.startswith(package):
         level, frame = level + 1, frame.f_back
     for line in lines:

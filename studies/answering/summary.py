@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies import claims, labels
+from studies.answering import claims
+from studies.answering.results import configuration, is_usual, settings, structure_in
+from studies.declaring import labels
+from studies.declaring.parameters import RIG, SCENE
 from studies.motion import above, mixed
-from studies.parameters import RIG, SCENE
-from studies.results import configuration, is_usual, settings, structure_in
 from sweeps import DONE, FAILED, PENDING
 
 if TYPE_CHECKING:

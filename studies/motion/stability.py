@@ -10,11 +10,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from fivcore import FlutterOnsets, Friction, Rig, Scene, Structure, flutter_onsets, sliding_modes, unstable_windows
-from studies import labels
-from studies.labels import number
+from studies.declaring import labels
+from studies.declaring.labels import number
+from studies.declaring.parameters import FRICTION, SLIDING
 from studies.motion.run import BAND
 from studies.motion.scenes import friction_of
-from studies.parameters import FRICTION, SLIDING
 from sweeps import Variable
 
 Array = NDArray[Any]

@@ -15,10 +15,10 @@ import numpy as np
 
 import sweeps
 from fivcore import Structure
-from studies import spec
-from studies.parameters import USUAL, check_keys
-from studies.results import configuration, expanded, open_dataset, settings, structure_in
-from studies.units import convert
+from studies.answering.results import configuration, expanded, open_dataset, settings, structure_in
+from studies.declaring import spec
+from studies.declaring.parameters import USUAL, check_keys
+from studies.declaring.units import convert
 from sweeps import InputError
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ class Request:
 
     def stored(self) -> dict[str, Any]:
         """The parts of the request that a result's file stores besides its parameters."""
-        from studies.uncertainty import text_of
+        from studies.motion.uncertainty import text_of
 
         drawn = {name: text_of(v, name) for name, v in self.values.items() if is_distribution(v)}
         rest = {"record": list(self.record), "scatter": drawn, "seed": self.seed, "command": self.command}
@@ -133,7 +133,7 @@ class Request:
 
 def is_distribution(value: Any) -> bool:
     """Whether a value is a distribution, or the text of one."""
-    from studies.uncertainty import is_kind
+    from studies.motion.uncertainty import is_kind
 
     return hasattr(value, "ppf") or (isinstance(value, str) and is_kind(value.partition(":")[0].strip()))
 
@@ -142,7 +142,7 @@ def _read(study: Study, name: str, value: Any) -> Any:
     """A value of a parameter; a string is a word, a SPEC or a distribution."""
     parameter = study.parameter(name)
     if hasattr(value, "ppf") and not hasattr(value, "text"):
-        from studies.uncertainty import text_of
+        from studies.motion.uncertainty import text_of
 
         value = text_of(value, name)
     if not isinstance(value, str):
@@ -152,7 +152,7 @@ def _read(study: Study, name: str, value: Any) -> Any:
     if value.strip() == "auto":
         return None if parameter.default is None else "auto"
     if is_distribution(value) or re.match(r"\s*(?!log:)[a-z]\w*:", value):
-        from studies.uncertainty import parse
+        from studies.motion.uncertainty import parse
 
         return parse(value, name, parameter.units)
     values = spec.parse(value, name, parameter.units)

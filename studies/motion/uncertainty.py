@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from fivcore import ManyFlutterOnsets, Rig, checks, flutter_onsets_many
 from fivcore.rig import BEAM_PARAMETERS
+from studies.declaring.parameters import RIG, SCENE, suggest
+from studies.declaring.spec import converted, finite, typed
 from studies.motion.run import BAND
-from studies.parameters import RIG, SCENE, suggest
-from studies.spec import converted, finite, typed
 from sweeps import InputError, Sample, quantiles, unit_draws
 
 if TYPE_CHECKING:
