@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import sweeps
-from fivcore.errors import FIXED, fixed_contact
+from fivcore import FIXED_CONTACT_LIMIT, fixed_contact
 from studies import registry
 from studies.answering import reference, summary
 from studies.answering.results import MAPS, file_of, is_fit, is_own, open_dataset, reference_folder, results_folder
@@ -59,7 +59,7 @@ class RunResult:
         if time is None or "V" not in data or "p2_length" not in data:
             return ""
         moved = float((np.abs(data["V"]) * time / data["p2_length"]).max())
-        return fixed_contact(moved) if moved > FIXED else ""
+        return fixed_contact(moved) if moved > FIXED_CONTACT_LIMIT else ""
 
     @property
     def failed(self) -> int:

@@ -26,9 +26,7 @@ from numpy.typing import NDArray
 from scipy import io, ndimage
 from scipy import signal as filters
 
-from fivcore import InputError
-from fivcore.structure_files import reading, universal_file
-from fivcore.transient import observe
+from fivcore import InputError, observe, structure_files
 from studies.answering.results import expanded
 from studies.declaring import spec
 from studies.declaring.units import UnitError, convert
@@ -66,7 +64,7 @@ def read(path: str | Path, unit: str | None, rate: float | str | None, channel: 
     """Read one channel of a file with its unit and rate; an `InputError` says what is wrong or missing."""
     if (reader := READERS.get((file := expanded(path)).suffix.lower())) is None:
         raise InputError(f"{path}: its name must end in one of {', '.join(READERS)}")
-    with reading(path):
+    with structure_files.reading(path):
         every: dict[int, Signal] = dict(enumerate(reader(file), 1))
     chosen = [one for k, one in every.items() if channel is None or str(channel) in (one.name, str(k))]
     if len(chosen) != 1:
@@ -85,7 +83,7 @@ def read(path: str | Path, unit: str | None, rate: float | str | None, channel: 
         raise InputError(f"rate = {rate}: it must be above 0 Hz, such as 50kHz")
     if not (hertz := hertz or signal.rate) and signal.times is None:
         raise InputError(f"rate missing: {path} has no rate and no times; give it in Hz, such as 50kHz")
-    with reading(f"{path}, channel {signal.name}"):
+    with structure_files.reading(f"{path}, channel {signal.name}"):
         values = factor * _checked(np.asarray(signal.values, dtype=float))
         return replace(signal, values=values, unit=unit, rate=hertz or _rate_of(np.asarray(signal.times)))
 
@@ -165,7 +163,7 @@ def _wav(file: Path) -> Iterator[Signal]:
 
 def _universal(file: Path) -> Iterator[Signal]:
     """Time responses, function type 1 of data sets 58, ASCII or binary."""
-    content, kinds = universal_file(file)
+    content, kinds = structure_files.universal_file(file)
     for one in (content.read_sets(int(place)) for place in np.flatnonzero(kinds == 58)):
         if one["func_type"] in (0, 1) and not np.iscomplexobj(one["data"]):
             name, unit = (one[key].strip().replace("NONE", "") for key in ("id1", "ordinate_axis_units_lab"))

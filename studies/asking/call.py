@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore.errors import SceneError
+from fivcore import SceneError
 from studies.answering.results import is_usual, settled, structure_in
 from studies.asking.points import Points
 from studies.declaring.parameters import FRICTION, RIG, SCENE

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Rig, Structure, checks, flutter_onsets, painleve_mu
-from fivcore.errors import SceneError
+from fivcore import Rig, SceneError, Structure, checks, flutter_onsets, painleve_mu
 from studies import paper
 from studies.declaring.parameters import RIG, SCENE, Parameter
 from studies.study import FOLLOW, Study

@@ -12,9 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fivcore import Friction, Rig
-from fivcore.friction import DECAYS, FRICTION_PARAMETERS
-from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS
+from fivcore import BEAM_PARAMETERS, DECAYS, FRICTION_PARAMETERS, RIG_PARAMETERS, Friction, Rig
 from studies import paper
 from sweeps import Axis, InputError
 

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fivcore import Structure, checks
-from fivcore.structure import motion_cutoff
+from fivcore import Structure, checks, motion_cutoff
 from studies.asking import request
 from studies.asking.sweep import sweep_of
 from studies.declaring import spec

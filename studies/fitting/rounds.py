@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import ndtr
 
-from fivcore.errors import SceneError
+from fivcore import SceneError
 from studies.answering.results import FITS
 from studies.asking.sweep import sweep_of
 from studies.fitting import sampling

@@ -11,7 +11,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import Scene, State, checks
+from fivcore import Scene, State, checks, equilibrium
 from studies import paper
 from studies.answering.results import rig_of
 from studies.declaring import labels
@@ -72,7 +72,7 @@ def motions(
     random = starts_are == "draws"
 
     def point(scene: Scene) -> dict[str, Any]:
-        rest = starts.equilibrium(scene, about)
+        rest = equilibrium(scene, about)
         made = starts.directions(scene, moved, mode, second_mode)
         found, few = np.full(len(places), NONE, dtype=np.int8), np.zeros((2, len(REGIMES)))
         for first in range(0, len(places), BATCH):

@@ -10,9 +10,18 @@ import numpy as np
 import xarray as xr
 from scipy.integrate import cumulative_trapezoid
 
-from fivcore import LimitCycle, Rig, Scene, Transient, checks, follow_cycle, limit_cycle
-from fivcore.errors import SceneError, UnsolvedError
-from fivcore.transient.published import with_numerical_damping
+from fivcore import (
+    LimitCycle,
+    Rig,
+    Scene,
+    SceneError,
+    Transient,
+    UnsolvedError,
+    checks,
+    follow_cycle,
+    limit_cycle,
+    with_numerical_damping,
+)
 from studies import paper
 from studies.answering.claims import is_papers_point
 from studies.declaring import labels

@@ -11,8 +11,20 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from fivcore import CycleBranch, LimitCycle, Rig, Scene, State, checks, follow_cycle, limit_cycle, sliding_onsets
-from fivcore.errors import SceneError, UnsolvedError
+from fivcore import (
+    CycleBranch,
+    LimitCycle,
+    Rig,
+    Scene,
+    SceneError,
+    State,
+    UnsolvedError,
+    checks,
+    equilibrium,
+    follow_cycle,
+    limit_cycle,
+    sliding_onsets,
+)
 from studies.declaring import labels
 from studies.declaring.parameters import RIG, RUN, SCENE, rig_numbers
 from studies.declaring.spec import evenly
@@ -76,7 +88,7 @@ def of_chain(
         for key, value in knock.threshold(scene, KNOCK["largest_knock"], KNOCK["resolution"], options).items():
             thresholds[key][k] = value
         if np.isfinite(hit := thresholds["knock_threshold"][k]):
-            q, (_, v) = starts.equilibrium(scene), starts.directions(scene, ["knock"])[0]
+            q, (_, v) = equilibrium(scene), starts.directions(scene, ["knock"])[0]
             tried.append((k, (State.of(scene, q, 1.5 * hit * v), State.of(scene, q, 0.0 * v))))
     usual = periodic if periodic.any() or tried else vibrates[:, 0]
     tried += [(k, None) for k in spread(np.flatnonzero(usual), 1)]

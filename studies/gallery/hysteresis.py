@@ -11,15 +11,14 @@ import pandas as pd
 import xarray as xr
 from scipy.signal import find_peaks
 
-from fivcore import Scene, State, Transient, checks
-from fivcore.contact.reduced import full_model
+from fivcore import Scene, State, Transient, checks, equilibrium, full_model, loading_time
 from studies.declaring import labels
 from studies.declaring.parameters import FRICTION, RIG, RUN, SCENE
 from studies.declaring.spec import evenly
-from studies.gallery.regimes import linear_stability
 from studies.motion import ensemble, regimes, starts
 from studies.motion import run as runs
 from studies.motion.jobs import Job, balanced, run_all
+from studies.motion.stability import linear_stability
 from studies.plotting import figures, general, planes
 from studies.study import Parameter, Study
 from sweeps import Axis, InputError, Variable
@@ -75,10 +74,10 @@ def loop(chain: Sequence[Scene], number: float, hold: float, knock: float, run: 
     for place, way in [(k, 0) for k in range(len(chain))] + [(k, 1) for k in reversed(range(len(chain)))]:
         scene, error = chain[place], 0.0
         if state is None:
-            loading = 0.5 * run["ramp"] + ensemble.loading_time(scene)
+            loading = 0.5 * run["ramp"] + loading_time(scene)
             job = runs.job(scene, loading + settling + hold, run)
             if knock:
-                q, (_, v) = starts.equilibrium(scene), starts.directions(scene, ["knock"])[0]
+                q, (_, v) = equilibrium(scene), starts.directions(scene, ["knock"])[0]
                 job = runs.job(scene, settling + hold, run, initial=State.of(scene, q, knock * v))
         else:
             # A change of V is a jump of the slip rate, which knocks a vibration: it is made in small ones.

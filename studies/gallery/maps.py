@@ -13,13 +13,14 @@ from fivcore import (
     Friction,
     Rig,
     Scene,
+    SceneError,
+    UnsolvedError,
     flutter_onsets,
     glued_frequencies,
     limit_cycle,
     lyapunov_exponent,
     painleve_mu,
 )
-from fivcore.errors import SceneError, UnsolvedError
 from studies.answering.refinement import report
 from studies.answering.results import MAPS, configuration
 from studies.declaring import labels

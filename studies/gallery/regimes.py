@@ -10,12 +10,11 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import Scene, Transient
-from fivcore.contact.reduced import reduced_model
-from fivcore.stability.falling import sliding_point
-from fivcore.structure import modal_structure
-from fivcore.transient.fast.steady import eigenvalues
-from fivcore.transient.published import with_numerical_damping
+from fivcore import (
+    Scene,
+    Transient,
+    loading_time,
+)
 from studies import paper
 from studies.answering.claims import is_papers_rig
 from studies.answering.results import rig_of
@@ -24,7 +23,7 @@ from studies.declaring.spec import evenly, logarithmically
 from studies.motion import ensemble, mixed, regimes, run
 from studies.motion.jobs import Job, outcomes
 from studies.motion.regimes import KINDS
-from studies.motion.stability import first_onsets, largest_growth, sliding_of
+from studies.motion.stability import first_onsets, linear_stability
 from studies.plotting import figures, planes
 from studies.study import Claim, Parameter, Study
 from sweeps import DONE, FAILED, Variable
@@ -74,33 +73,10 @@ def motions(scenes: Sequence[Scene], members: int, **options: Any) -> dict[str, 
         scene = jobs[0].scene
         duration = np.mean([motion.summary["simulated_time"] for motion in runs])
         stability = linear_stability(scene, options["cutoff"], options["numerical_damping"])
-        times = {"duration": duration, "loading_time": ensemble.loading_time(scene)}
+        times = {"duration": duration, "loading_time": loading_time(scene)}
         return ensemble.statistics(runs) | stability | times
 
     return outcomes([ensemble.ensemble(scene, members, options) for scene in scenes], values)
-
-
-def linear_stability(scene: Scene, cutoff: float | None, numerical_damping: str) -> dict[str, Any]:
-    """Linear stability of steady sliding: of all modes below the band's end, and of the model that is simulated.
-
-    The simulated model has numerical damping, or none, and modes up to its cut-off, far above the band. Which of
-    those grow depends on both; a scene that vibrates although none does is subcritical.
-    """
-    theta, mu = scene.drive_theta, scene.mu
-    rate, frequency, unstable = largest_growth(scene.rig, theta, mu, run.BAND, **sliding_of(scene))
-    values = {"growth_rate": rate, "growth_frequency": frequency, "unstable_modes": unstable}
-    rig = with_numerical_damping(scene.rig, run.METHOD, numerical_damping)
-    model = reduced_model(rig, theta, cutoff)
-    friction, found = scene.friction, np.empty(0, dtype=complex)
-    # In rigid contact only rounding holds the gap of a lasting contact: there is no such map.
-    if model.K.any():
-        kinetic, fall = sliding_point(modal_structure(rig, theta), friction, mu, abs(scene.V), scene.F)
-        found = eigenvalues(model, kinetic, model.default_step, fall)
-    model_rate = model_frequency = np.nan
-    if len(found):
-        top = found[np.argmax(found.real)]
-        model_rate, model_frequency = float(top.real), abs(float(top.imag)) / (2.0 * np.pi)
-    return values | {"model_growth_rate": model_rate, "model_growth_frequency": model_frequency}
 
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from fivcore import Scene, checks
+from fivcore import Scene, checks, loading_time
 from studies import paper
 from studies.declaring import labels, spec
 from studies.declaring.parameters import RUN, Parameter
@@ -75,7 +75,7 @@ def of_sticks(scene: Scene, run: Any) -> dict[str, Any]:
         "sustained_total": long[~early].sum(),
         "observed_time": np.fmax(run["simulated_time"] - first - SETTLING, 0.0),
         "first_slip_time": first,
-        "loading_time": ensemble.loading_time(scene),
+        "loading_time": loading_time(scene),
     }
 
 

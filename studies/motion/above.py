@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore import growing_frequencies
-from fivcore.errors import SceneError
+from fivcore import SceneError, growing_frequencies
 from studies.declaring.parameters import FRICTION, RIG, RUN, SCENE
 from studies.motion.run import BAND
 from studies.motion.scenes import normalised, rig_of, scene_of

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from fivcore import Options, Scene, Transient, Until
-from fivcore.transient.simulate import request
-from fivcore.transient.statistics import SETTLING as SETTLING_TIME
+from fivcore import SETTLING as SETTLING_TIME
+from fivcore import Options, Scene, Transient, Until, checked_run
 from studies.motion.jobs import Job
 from sweeps import Variable
 
@@ -112,4 +111,4 @@ def check(
     ends = ((speeds.min(), loads.max()), (speeds.max(), loads.min()))
     for speed, load in ends:
         scene = Scene(float(speed), 0.0, 0.0, float(load))
-        request(scene, 1e-6, Options(**options(**run)))
+        checked_run(scene, 1e-6, Options(**options(**run)))

@@ -10,6 +10,7 @@ from importlib.metadata import packages_distributions, version
 
 import pytest
 
+import fivcore
 from studies import registry
 from studies.answering import claims
 from studies.asking.sweep import sweep_of
@@ -48,9 +49,12 @@ def test_imports_point_one_way():
     assert not imported("fivcore") & {"studies", "sweeps", *files}
     assert not imported("sweeps") & {"studies", "fivcore", "numba", "matplotlib", "click"}
     assert {"fivcore", "sweeps"} <= imported("studies")
-    # Only the front of the engine is used.
-    outside = {module for each in imports("studies").values() for module, _ in each}
-    assert not [module for module in outside if module.startswith("sweeps.")]
+    # Only the fronts of engine and core are used.
+    outside = [pair for each in imports("studies").values() for pair in each]
+    assert not [module for module, _ in outside if module.startswith(("sweeps.", "fivcore."))]
+    public = {*fivcore.__all__}
+    assert {name for module, names in outside if module == "fivcore" for name in names} <= public
+    assert all(hasattr(fivcore, name) for name in public)
 
 
 def test_the_engine_imports_no_private_names():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from fivcore import Friction, Rig, Scene, State, Structure, simulate, sliding_modes
+from fivcore import Friction, Rig, Scene, State, Structure, equilibrium, simulate, sliding_modes
 from studies.asking.sweep import sweep_of
 from studies.declaring.parameters import RUN
 from studies.gallery import hysteresis, knock, maps
@@ -19,7 +19,7 @@ SCENE = Scene(5e-3, 5.0, 0.1, 9.0)
 
 @pytest.mark.parametrize("friction", [Friction(), Friction(0.9, 0.01)])
 def test_a_start_in_steady_sliding_stays_there(friction):
-    q = starts.equilibrium(scene := Scene(0.02, 5.0, 0.05, 9.0, friction=friction))
+    q = equilibrium(scene := Scene(0.02, 5.0, 0.05, 9.0, friction=friction))
     run = simulate(scene, 0.02, initial=State.of(scene, q, 0.0 * q), settle=0.0, record=True)
     np.testing.assert_allclose(run.normal_force, 9.0, rtol=1e-4)
     np.testing.assert_allclose(run.slip_velocity, -0.02, rtol=1e-3)
@@ -33,7 +33,7 @@ def test_a_start_along_a_mode_moves_as_the_mode(name, number):
     phi = complex(modes.growth_rate[number - 1], 2.0 * np.pi * modes.frequency[number - 1])
     q, v = starts.directions(SCENE, [name], number)[0]
     size = 1e-4 / (abs(phi) if name == "displacement" else 1.0)
-    start = State.of(SCENE, starts.equilibrium(SCENE) + size * q, size * v)
+    start = State.of(SCENE, equilibrium(SCENE) + size * q, size * v)
     run = simulate(SCENE, 0.01, initial=start, settle=0.0, record=True, sample_rate=None)
     a = complex(1.0, phi.real / phi.imag) if name == "displacement" else -1j / phi.imag
     expected = size * (a * phi * np.exp(phi * run.time)).real
@@ -70,7 +70,7 @@ def test_a_plane_has_all_combinations_and_no_interval(computed):
     assert data.sizes["draw"] == 6
     assert data["start_velocity_C"].values.tolist() == 3 * [0.0] + 3 * [1e-3]
     assert np.isnan(data["vibration_share_low"])
-    alone = starts.equilibrium(SCENE) + 0.0, 5e-4 * starts.directions(SCENE, ["knock"])[0, 1]
+    alone = equilibrium(SCENE) + 0.0, 5e-4 * starts.directions(SCENE, ["knock"])[0, 1]
     label = starts.labels_of(SCENE, [State.of(SCENE, *alone)], OPTIONS | {"duration": 0.2})
     assert label[0] == data["label"][2]
 
@@ -90,7 +90,7 @@ def test_the_smallest_knock_starts_vibration_and_scales_with_the_load():
     found = knock.threshold(SCENE, 1e-4, 0.05, OPTIONS)
     half = np.sqrt(3.0) * found["knock_threshold_se"]
     assert half <= 0.025 * (found["knock_threshold"] + half)
-    q, v = starts.equilibrium(SCENE), starts.directions(SCENE, ["knock"])[0, 1]
+    q, v = equilibrium(SCENE), starts.directions(SCENE, ["knock"])[0, 1]
     ends = [State.of(SCENE, q, (found["knock_threshold"] + sign * half) * v) for sign in (-1.0, 1.0)]
     assert [int(label) > 2 for label in starts.labels_of(SCENE, ends, OPTIONS)] == [False, True]
     study = maps.STUDIES["knock"]
@@ -141,7 +141,7 @@ def mirror_images():
 
 def basin(scene):
     def labels(seen):
-        q, (_, v) = starts.equilibrium(seen), starts.directions(seen, ["knock"])[0]
+        q, (_, v) = equilibrium(seen), starts.directions(seen, ["knock"])[0]
         states = [State.of(seen, q, size * v) for size in (-1e-3, 1e-3, 1e-2)]
         return {"label": starts.labels_of(seen, states, OPTIONS | {"duration": 0.3})}
 
