@@ -23,7 +23,7 @@ from studies.declaring.spec import evenly, logarithmically
 from studies.motion import ensemble, mixed, regimes, run
 from studies.motion.jobs import Job, outcomes
 from studies.motion.regimes import KINDS
-from studies.motion.stability import first_onsets, linear_stability
+from studies.motion.stability import first_onsets, linear_stability, with_flags
 from studies.plotting import figures, planes
 from studies.study import Claim, Parameter, Study
 from sweeps import DONE, FAILED, Variable
@@ -43,6 +43,7 @@ VERDICTS = {
     "no verdict": "not compared: undecided, stuck, or too short for modes that decay or grow slowly",
     "failed": "failed",
 }
+VERDICT = "motion against linear stability of steady sliding"
 # Below this a regime whose realisations differ is called uncertain.
 CERTAIN = 0.95
 # A mode decides by growing or decaying so many times e-fold, between the size of a vibration and what counts as
@@ -83,21 +84,14 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
     """Add where steady sliding loses its stability, and how the motion of each point compares with that."""
     dims, *onset = first_onsets(dataset, rig_of(dataset))
     text = f"lowest mu at which steady sliding flutters (modes {BELOW}), up to the largest mu of the grid"
-    codes = xr.Variable(
-        dataset["regime"].dims,
-        compare_linear(dataset),
-        {
-            "long_name": "motion against linear stability of steady sliding",
-            "flag_values": np.arange(len(VERDICTS), dtype=np.int8),
-            "flag_meanings": " ".join(name.replace(" ", "_") for name in VERDICTS),
-        },
-        {"dtype": "int8", "_FillValue": np.int8(np.iinfo(np.int8).min)},
-    )
-    return dataset.assign(
+    empty = {"dtype": "int8", "_FillValue": np.int8(np.iinfo(np.int8).min)}
+    codes = xr.Variable(dataset["regime"].dims, compare_linear(dataset), {"long_name": VERDICT}, empty)
+    dataset = dataset.assign(
         onset_mu=(dims, onset[0], {"units": "1", "long_name": text}),
         onset_frequency=(dims, onset[1], {"units": "Hz", "long_name": f"frequency at the {text}"}),
         verdict=codes,
     )
+    return with_flags(dataset, tuple(VERDICTS), "verdict")
 
 
 def compare_linear(dataset: xr.Dataset) -> NDArray[np.float32]:

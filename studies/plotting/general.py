@@ -157,12 +157,9 @@ def _draw_plane(axes: Axes, at: xr.Dataset, name: str, x: str, y: str, threshold
     else:
         _draw_numbers(axes, at, name, x, y)
     if threshold is not None:
-        above = (at[name] > threshold).where(at[name].notnull()).transpose(y, x)
+        above = (at[name] > threshold).where(at[name].notnull())
         if 0.0 < float(above.mean()) < 1.0:
-            # Twice the values at both ends of each cell: the contour follows the sides of the cells.
-            ends = [planes.edges(labels.readable(at[dim]).values.astype(float)) for dim in (x, y)]
-            sides = [np.repeat(each, 2)[1:-1] for each in ends]
-            axes.contour(*sides, np.kron(above, np.ones((2, 2))), levels=[0.5], colors="black", linewidths=1.2)
+            planes.outline(axes, above, x, y, colors="black", linewidths=1.2)
             axes.plot([], [], color="black", label=f"{labels.title(name)} {threshold:g}")
     planes.mark_mixed(axes, at, x, y)
     if _is_map(at):
@@ -173,9 +170,8 @@ def _draw_numbers(axes: Axes, at: xr.Dataset, name: str, x: str, y: str) -> None
     """A number over two parameters with its colour bar; where steady sliding is stable its growth rate is grey."""
     values = labels.readable(at[name].transpose(y, x)).astype(float)
     if name == "growth_rate":
-        planes.cells(axes, 0.0 * values.where(values <= 0.0), x, y, cmap="Greys", vmin=-0.15, vmax=1.0)
-        axes.fill_between([], [], color="#ededed", label="stable")
-        values = values.where(values > 0.0)
+        values = planes.stable(axes, values, x, y)
+        axes.fill_between([], [], color=planes.STABLE, label="stable")
     log = {"norm": "log"} if at[name].attrs.get("units") == "N s" and values.min() > 0.0 else {}
     bar = axes.figure.colorbar(planes.cells(axes, values, x, y, **log), ax=axes)
     bar.set_label(figures.fitted(labels.label(at[name], long=True), 6.0))

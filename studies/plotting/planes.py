@@ -29,6 +29,8 @@ STATE_COLOURS = {"stick": "#4d4d4d", "slip": "#a6dcf7", "separation": figures.OR
 # Markers of the regimes along an axis.
 MARKERS = "svo^Dp"
 FAILED = KINDS.index("failed")
+# Of stable points, which no shade is like.
+STABLE = "#ececec"
 # Points whose realisations follow different motions.
 MIXED: dict[str, Any] = {"marker": "D", "markersize": 6.0, "color": "white", "markeredgecolor": "black"}
 MIXED |= {"linestyle": "none", "label": "realisations follow\ndifferent motions"}
@@ -81,6 +83,22 @@ def cells(axes: Axes, array: xr.DataArray, x: str, y: str, **options: Any) -> An
     axes.grid(False)
     look: dict[str, Any] = {"cmap": "cividis", "rasterized": True} | options
     return axes.pcolormesh(*ends, np.ma.masked_invalid(array.transpose(y, x).values.astype(float)), **look)
+
+
+def stable(axes: Axes, growth: xr.DataArray, x: str, y: str) -> xr.DataArray:
+    """Grey the points that do not grow; return the growth rates of the others."""
+    from matplotlib.colors import ListedColormap
+
+    cells(axes, 0.0 * growth.where(growth <= 0.0), x, y, cmap=ListedColormap([STABLE]))
+    return growth.where(growth > 0.0)
+
+
+def outline(axes: Axes, inside: xr.DataArray, x: str, y: str, **look: Any) -> None:
+    """Draw the sides of the cells between the points inside and the others."""
+    ends = (edges(labels.readable(inside[name]).values.astype(float)) for name in (x, y))
+    # Twice the values at both ends of each cell: the contour follows the sides of the cells.
+    sides, twice = [np.repeat(each, 2)[1:-1] for each in ends], np.ones((2, 2))
+    axes.contour(*sides, np.kron(inside.transpose(y, x), twice), levels=[0.5], **look)
 
 
 def regimes(axes: Axes, codes: xr.DataArray, x: str, y: str) -> list[Patch]:
