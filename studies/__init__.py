@@ -70,7 +70,7 @@ def run(
     from dataclasses import replace
 
     from studies import registry, runner
-    from studies.request import Request, structure_of
+    from studies.asking.request import Request, structure_of
 
     one = registry.resolve(study)
     request = Request("", parameters, points, tuple(record), sample_rate, samples, seed)
@@ -96,10 +96,10 @@ def map(
     halved `refine` times where the quantity changes, and interpolated where the estimated error is at most
     `tolerance`, relative to the range of the values. Other options, such as `rig`, and errors are those of `run`.
     """
-    from studies.gallery import maps
+    from studies import runner
 
     how = [options.pop(name, None) for name in ("scheduler", "workers", "progress")]
-    one, planned = maps.plan(x, y, quantity, fix, refine=refine, tolerance=tolerance, **options)
+    one, planned = runner.plan_map(x, y, quantity, fix, refine=refine, tolerance=tolerance, **options)
     return _executed(one, planned, *how)
 
 
@@ -122,7 +122,8 @@ def fit(
     """
     from functools import partial
 
-    from studies import registry, results, runner
+    from studies import registry, runner
+    from studies.answering import results
     from studies.fitting import presentation
     from studies.fitting.problem import read
     from studies.fitting.rounds import run as fitted
@@ -167,13 +168,13 @@ def measure(
 
     The names are those of a `Transient.summary`, `dominant_frequency`, `periodicity`, `velocity_rms` and its `_se`
     (`signal_rms` where the unit is none of speed), but in the signal's own `unit`. A signal does not know the
-    contact: in place of long sticks it has quiet spells (`studies.measured`), with `quiet_fraction`,
+    contact: in place of long sticks it has quiet spells (`studies.answering.measured`), with `quiet_fraction`,
     `quiet_times`, `quiet_starts`, s, and `quiet_frequency`, Hz. `line_frequencies` outside of them are in Hz,
     `line_levels` in dB below the strongest. Above 5 samples in a period of the band's end the signal is decimated,
     to `analysed_rate`. A standard error is NaN where the signal is shorter than 16 cycles of spell and burst, that
     of `mean_quiet_time` with fewer than 12 spells. An `InputError` says what is wrong with a file or missing.
     """
-    from studies import measured
+    from studies.answering import measured
 
     return measured.statistics(measured.read(path, unit, rate, channel), band)
 
@@ -182,7 +183,7 @@ def open(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
     """Open a result by its name in the results folder, else with a warning in the reference, or by its path."""
     from warnings import warn
 
-    from studies import results
+    from studies.answering import results
     from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
     dataset = results.open_dataset(name, out)

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from studies.results import MAPS, REFERENCE, expanded, is_script
+from studies.answering.results import MAPS, REFERENCE, expanded, is_script
 from sweeps import InputError, load_script
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ def load(name: str) -> Study:
     InputError
         If no study has the name; the message suggests the nearest.
     """
-    from studies.parameters import suggest
+    from studies.declaring.parameters import suggest
     from studies.study import Study
 
     if name in NAMES:
@@ -113,14 +114,33 @@ def load(name: str) -> Study:
                 f"STUDY = {name!r}: the entry point {installed()[name].value} is no study of that name"
             )
         return register(loaded)
-    if str(name).startswith(f"{MAPS}_"):
-        from studies.gallery import maps
-
-        if name.removeprefix(f"{MAPS}_") in maps.STUDIES:
-            found: Study = maps.STUDIES[name.removeprefix(f"{MAPS}_")]
-            return found
+    if str(name).startswith(f"{MAPS}_") and name.removeprefix(f"{MAPS}_") in (studies := maps()):
+        return studies[name.removeprefix(f"{MAPS}_")]
     near = f"did you mean {name}.py? " if Path(f"{name}.py").is_file() else suggest(str(name), names())
     raise InputError(
         f"STUDY = {name!r}: no study has this name; {near}give the file of your own, FILE.py, or one of "
         f"{', '.join(names())}"
     )
+
+
+def maps() -> dict[str, Study]:
+    """The studies of `fiv map` by what they compute."""
+    from studies.gallery.maps import STUDIES
+
+    return STUDIES
+
+
+def of_quantities(names: Sequence[str]) -> Study:
+    """The study of a map of these quantities; an `InputError` suggests the nearest name."""
+    from studies.declaring.parameters import suggest
+
+    known = {name: what for what, study in maps().items() for name, v in study.outputs.items() if not v.dims}
+    for name in names:
+        if name not in known:
+            main = ", ".join(each for each in known if not each.endswith(("_se", "_std")))
+            raise InputError(f"quantity {name}: there is none; {suggest(name, known)}choose from {main}")
+    first, *others = dict.fromkeys(known[name] for name in names)
+    if others:
+        what = " and ".join([first, *others])
+        raise InputError(f"quantity {','.join(names)}: {what} need different computations; draw two maps")
+    return maps()[first]

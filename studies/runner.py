@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,12 +15,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import sweeps
-from fivcore.errors import FIXED, fixed_contact
-from studies import reference, registry
-from studies.parameters import unusual, warn_unusual
-from studies.request import Request
-from studies.results import file_of, is_fit, is_own, open_dataset, reference_folder, results_folder
-from studies.spec import typed
+from fivcore import FIXED_CONTACT_LIMIT, fixed_contact
+from studies import registry
+from studies.answering import reference, summary
+from studies.answering.results import MAPS, file_of, is_fit, is_own, open_dataset, reference_folder, results_folder
+from studies.asking import mapping
+from studies.asking.request import Request, structure_of
+from studies.asking.sweep import sweep_of
+from studies.declaring.parameters import unusual, warn_unusual
+from studies.declaring.spec import typed
 from sweeps import InputError, check_backend
 
 if TYPE_CHECKING:
@@ -56,7 +59,7 @@ class RunResult:
         if time is None or "V" not in data or "p2_length" not in data:
             return ""
         moved = float((np.abs(data["V"]) * time / data["p2_length"]).max())
-        return fixed_contact(moved) if moved > FIXED else ""
+        return fixed_contact(moved) if moved > FIXED_CONTACT_LIMIT else ""
 
     @property
     def failed(self) -> int:
@@ -75,18 +78,21 @@ def plan(
     strict: bool = False,
     file: Path | None = None,
 ) -> sweeps.Plan:
-    """The plan of a study (`registry.resolve`), with its file in the results folder, or in `file`.
+    """The plan of a study (`registry.resolve`) or a map, with its file in the results folder, or in `file`.
 
     Unusual values are a warning or, with `strict`, an `InputError`; so are points computed in several
     environments. The folder of the reference is refused.
     """
     one = registry.resolve(study) if file is None else study
     assert not isinstance(one, str)
-    file = file or file_of(one.name, out)
     if is_own(results_folder(out)) or is_own(results_folder(out).parent):
         raise InputError(f"{results_folder(out)}: runs only read the reference; choose another folder (out=...)")
     values = request.values_of(one)
-    sweep = one.sweep(values, **request.points_of(one))
+    sweep = sweep_of(one, values, **request.points_of(one))
+    if request.sides:
+        sweep = mapping.mapped(one, request, sweep)
+        file = file or results_folder(out) / MAPS / f"{mapping.name_of(one, request, values)}.nc"
+    file = file or file_of(one.name, out)
     every = {name: parameter.default for name, parameter in one.parameters.items()} | values
     numbers = {k: v for k, v in every.items() if v is not None and not hasattr(v, "ppf")}
     lines = unusual(numbers, set(values))
@@ -101,6 +107,20 @@ def plan(
         rerun=partial(rerun, typed_study, dict(values), rig=rig) if typed_study else None,
     )
     return sweep.plan(file, fresh=fresh, adopt=adopt, retry_failed=retry_failed, strict=strict)
+
+
+def plan_map(
+    x: str, y: str | None = None, quantities: str | Sequence[str] = "growth_rate",
+    fix: Mapping[str, Any] | None = None, out: str | Path | None = None, *, samples: int | None = None,
+    seed: int | None = None, refine: int = 0, tolerance: float | None = None, rig: Any = None, command: str = "",
+    **how: Any,
+) -> tuple[Study, sweeps.Plan]:  # fmt: skip
+    """The study and the plan of a map; `rig` is a structure or its file, `how` are options of `plan`."""
+    names = [name.strip() for name in quantities.split(",")] if isinstance(quantities, str) else quantities
+    one, structure = registry.of_quantities(names), None if rig is None else structure_of(rig)
+    options: dict[str, Any] = {"samples": samples, "seed": seed, "refine": refine, "tolerance": tolerance}
+    request = mapping.request_of(one, x, y, names, fix, structure=structure, command=command, **options)
+    return one, plan(one, request, out, **how)
 
 
 def rerun(study: str, values: Mapping[str, Any], point: Mapping[str, Any], rig: Path | None = None) -> str:
@@ -172,8 +192,9 @@ def draw(study: Study, dataset: xr.Dataset) -> dict[str, Any]:
     from studies.plotting import figures, general
 
     with figures.style():
-        shown = study.presented(dataset) if study.figure is not None else None
-        drawn = {"": general.draw(dataset) if shown is None or study.figure is None else study.figure(shown)}
+        shown = summary.presented(study, dataset) if study.figure is not None else None
+        whole = general.draw(dataset, study) if shown is None or study.figure is None else study.figure(shown)
+        drawn = {"": whole}
         names = [name for name in general.series_of(dataset) if name not in study.outputs]
         return drawn | ({"-series": general.draw_series(dataset, names)} if names else {})
 

@@ -9,9 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fivcore import checks
-from fivcore.contact.reduced import ReducedModel
-from fivcore.errors import SceneValueError
+from fivcore import ReducedModel, SceneValueError, checks
 
 
 def with_dashpot(model: ReducedModel, factor: float) -> ReducedModel:

@@ -10,8 +10,8 @@ import xarray as xr
 
 from studies.accuracy import errors, settings
 from studies.accuracy.settings import CONVERGED, DEFAULT, FAST, GIVEN, MODEL, PAPERS, PUBLISHED, SCHEME
+from studies.answering.results import rig_of
 from studies.plotting import figures
-from studies.results import rig_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,14 +6,23 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
-from fivcore import Rig, Scene
-from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model, modified, reduced_model
-from fivcore.contact.step_map import largest_stable_step, stable
-from fivcore.transient.published import PAPER_STEP
+from fivcore import (
+    ReducedModel,
+    Rig,
+    Scene,
+    default_cutoff,
+    full_model,
+    is_stable_step,
+    largest_stable_step,
+    modified,
+    published,
+    reduced_model,
+)
 from studies import paper
 from studies.accuracy.ablation import truncated, with_dashpot, without_cross_terms
 from studies.accuracy.rigs import drawn_scene
 
+PAPER_STEP = published.PAPER_STEP
 METHODS = FAST, PAPER, EXACT = ("fast", "paper", "exact")
 # V, theta, mu and F of the scenes of the paper's rig; the numbers of the drawn ones in their sequence.
 PAPERS = {f"{1e3 * V:g} mm/s": (V, paper.THETA, paper.MU, paper.LOAD) for V in paper.SPEEDS}
@@ -39,7 +48,7 @@ def model_of(method: str, scene: Scene, options: Mapping[str, Any]) -> ReducedMo
 def _step(scene: Scene, factor: float) -> dict[str, Any]:  # in units of the largest stable one
     model = model_of(FAST, scene, {})
     largest = model.largest_step
-    limit = largest if stable(model, scene.mu, largest) else largest_stable_step(model, scene.mu, largest)
+    limit = largest if is_stable_step(model, scene.mu, largest) else largest_stable_step(model, scene.mu, largest)
     return {"step": factor * limit}
 
 
@@ -75,7 +84,9 @@ SETTINGS = {
     CONVERGED: _fast("converged", _converged),
     PUBLISHED: Setting("published damping", partial(_fixed, numerical_damping="published"), {FAST: FIVE}),
     MODEL: Setting(
-        "no numerical damping", partial(_fixed, numerical_damping="none", step=0.5 * PAPER_STEP), {PAPER: TWO}
+        "no numerical damping",
+        partial(_fixed, numerical_damping="none", step=0.5 * PAPER_STEP),
+        {PAPER: TWO},
     ),
     **{f"step {x:g}": _fast("step", _step, factor=x) for x in (0.25, 0.5, 0.98)},
     **{f"cut-off {x:g}": _fast("cut-off", _cutoff, factor=x) for x in (0.4, 0.64, 0.8, 1.4, 2.0)},

@@ -14,14 +14,13 @@ import scipy
 from filelock import FileLock
 from numpy.typing import NDArray
 
-from fivcore import Rig, Scene, checks, simulate_many
-from fivcore.transient.published import PAPER_STEP
+from fivcore import Rig, Scene, checks, loading_time, published, simulate_many
 from studies.accuracy.errors import with_errors
 from studies.accuracy.presentation import figure, summary
 from studies.accuracy.settings import EXACT, FAST, GIVEN, METHODS, PAPER, SCENES, SETTINGS, model_of, scene_of
+from studies.declaring.parameters import RUN, Parameter
 from studies.motion import ensemble, series
 from studies.motion.run import SETTLING, SUMMARY, summary_of
-from studies.parameters import RUN, Parameter
 from studies.study import Study
 from sweeps import Axis
 
@@ -77,7 +76,7 @@ def measure(
     model = model_of(method, scene, options)
     values: dict[str, Any] = {"modes": len(model.stiffness)}
     if method != EXACT:
-        values["step"] = options.get("step", PAPER_STEP if method == PAPER else model.default_step)
+        values["step"] = options.get("step", published.PAPER_STEP if method == PAPER else model.default_step)
     ramps = [ramp * (1.0 + ensemble.STRETCH * k) for k in range(members if method == FAST else members_expensive)]
     simulate_many([scene], duration if method == FAST else WARMING, method, ramp=ramps[0], **options)
     start = time.thread_time()  # of this thread alone
@@ -117,7 +116,7 @@ def check(scene: Array, duration: Any, members: int, members_expensive: Any, ram
     """Refuse runs that are too short, or all equal."""
     checks.count("members_expensive", np.max(members_expensive), members)
     checks.between("ramp", np.min(ramp), 1e-6, 1.0, "s, for the runs of a scene differ by it")
-    loading = max(ensemble.loading_time(scene_of(name, rig)) for name in scene.tolist())
+    loading = max(loading_time(scene_of(name, rig)) for name in scene.tolist())
     # After settling the slowest has some windows of its spectrum.
     least = np.max(ramp) + loading + SETTLING + 4.0 * series.WINDOW
     checks.between("duration", np.min(duration), least, 1e3, "s, for the slowest scene to have settled")

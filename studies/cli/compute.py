@@ -20,7 +20,7 @@ from studies.cli.output import columns, say, show
 from studies.cli.progress import announce_compiling
 
 if TYPE_CHECKING:
-    from studies.request import Request
+    from studies.asking.request import Request
     from studies.study import Study
     from sweeps import Plan
 
@@ -37,7 +37,7 @@ def plan(study: str, measured: bool, **points: Any) -> None:
     fiv plan scenes --set V=log:1e-3:1e-2:10 --record velocity_B
     """  # noqa: D301 - the backspace tells click to keep the lines
     one, planned, _, lines = _planned(study, points, False)
-    show(with_axes(one, planned, repr(timed(planned)) if measured else estimated(one.name, planned)[1]))
+    show(with_axes(one, planned, repr(timed(planned)) if measured else estimated(one, planned)[1]))
     say(*lines)
 
 
@@ -82,7 +82,7 @@ def _offering(assignments: Sequence[str], out: str | None) -> Iterator[None]:
 
 def _values(standard_error: float | None, options: dict[str, Sequence[str]]) -> dict[str, Any]:
     """Values of parameters from options with NAME=SPEC."""
-    from studies.request import assignment
+    from studies.asking.request import assignment
     from sweeps import InputError
 
     values: dict[str, Any] = {} if standard_error is None else {"standard_error": standard_error}
@@ -99,7 +99,9 @@ def _values(standard_error: float | None, options: dict[str, Sequence[str]]) -> 
 def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study, Plan, Request, list[str]]:
     """Study, plan, request and warnings. Options win over a file, and that over a result given as STUDY."""
     from fivcore import Structure
-    from studies import registry, request, results, runner
+    from studies import registry, runner
+    from studies.answering import results
+    from studies.asking import request
     from sweeps import InputError, Store, check_free
 
     assigned = {"--set": options.pop("assignments"), "--scatter": options.pop("scatter")}
@@ -158,10 +160,10 @@ class MapCommand(click.Command):
 
     def format_epilog(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the quantities and parameters, with their units."""
-        from studies.gallery import maps
+        from studies import registry
 
         for head, kind in (("Quantities", "outputs"), ("Parameters", "parameters")):
-            units = {k: v.units for study in maps.STUDIES.values() for k, v in getattr(study, kind).items()}
+            units = {k: v.units for study in registry.maps().values() for k, v in getattr(study, kind).items()}
             texts = [name if unit == "1" else f"{name} [{unit}]" for name, unit in units.items()]
             with formatter.section(head):
                 formatter.write_text(", ".join(texts))
@@ -179,21 +181,21 @@ def draw_map(quantity: str, fail_fast: bool, yes: bool, share: str | None, **opt
 
     With --refine the SPECs give a coarse lattice, whose intervals are halved where the map changes.
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies.gallery import maps
+    from studies import runner
 
     announce_compiling()
     assigned = {"--fix": options.pop("fixed"), "--scatter": options.pop("scatter")}
     fix, lines = _values(options.pop("standard_error"), assigned), list[str]()
     how = options.pop("scheduler"), options.pop("workers")
     with warned(lines.append):
-        one, planned = maps.plan(quantities=quantity, fix=fix, command=typed(*SHOWING), **options)
+        one, planned = runner.plan_map(quantities=quantity, fix=fix, command=typed(*SHOWING), **options)
     execute(one, _shared(planned, share), how, fail_fast, yes, lines)
 
 
 @command("check", "Whether the installation computes, stores and draws as it should.")
 def check() -> None:
     """Checks of what the installation computes, stores and draws: a minute at first, most of it to compile."""
-    from studies import check as installation
+    from studies.cli import checks as installation
 
     show(installation.machine())
     announce_compiling()

@@ -26,21 +26,21 @@ if TYPE_CHECKING:
     from sweeps import Plan, Progress, Snapshot
 
 ASK_SECONDS, ASK_BYTES = 300.0, 1e9  # a run that takes longer or writes more asks first
-# A point of these maps costs what one of the study does. A measured time counts if it is below the reference's, or
-# so many times as long: the first points of a run take longer than all others.
-LIKE, FAR = {"map_growth": "stability", "map_motion": "regimes"}, 10.0
+# A measured time counts if it is below the reference's, or so many times as long: the first points of a run take
+# longer than all others.
+FAR = 10.0
 # `timed` computes batches of these sizes at these places of the work, until so many s have passed.
 SIZES, PLACES = (1, 1, 8, 8, 8, 8, 8, 8), (0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875)
 MEASURED_SECONDS = 0.15
 
 
-def estimated(study: str, planned: Plan) -> tuple[Plan, str]:
+def estimated(study: Study, planned: Plan) -> tuple[Plan, str]:
     """A plan and its report; with the time of the reference by points, unless an earlier run tells better."""
-    entry = {"seconds": nan, "points": 1} | catalogue().get(LIKE.get(study, study), {})
-    members = planned.sweep.constants.get("members", 1) if study in LIKE else 1
+    entry = {"seconds": nan, "points": 1} | catalogue().get(study.like or study.name, {})
+    members = planned.sweep.constants.get("members", 1) if study.like else 1
     points = members * planned.requested_count * planned.todo / max(planned.distinct, 1)
     seconds = entry["seconds"] / entry["points"] * points
-    advice = "; fiv plan --time measures" * (study not in LIKE)
+    advice = "; fiv plan --time measures" * (not study.like)
     if isnan(seconds) or planned.seconds <= seconds or planned.seconds >= FAR * seconds:
         return planned, repr(planned)
     planned = replace(planned, seconds=seconds)
@@ -70,7 +70,7 @@ def timed(plan: Plan) -> Plan:
 
 def with_axes(study: Study, planned: Plan, text: str) -> str:
     """A plan's report with the ends, the unit and the number of values of each parameter that varies."""
-    from studies import labels
+    from studies.declaring import labels
 
     sweep, lines = planned.sweep, list[str]()
     for name, axis in {**sweep.grid.axes, **sweep.coords}.items():
@@ -92,7 +92,7 @@ def execute(
 
     backend = runner.backend(*how)
     asking = not yes and sys.stdin.isatty()
-    planned, text = estimated(study.name, planned)
+    planned, text = estimated(study, planned)
     if asking and isnan(planned.seconds):
         planned = timed(planned)
         text = repr(planned)
@@ -115,7 +115,7 @@ def execute(
 @contextmanager
 def watched(planned: Plan) -> Iterator[_Last]:
     """Show the progress of a plan that is executed within; an interrupted one ends with what is stored."""
-    from studies import results
+    from studies.answering import results
     from studies.cli.progress import progress
     from sweeps import ClusterLostError, FailedPointsWarning
 
@@ -137,7 +137,7 @@ def watched(planned: Plan) -> Iterator[_Last]:
 
 def report(study: Study, finished: RunResult, adopted: str = "") -> NoReturn:
     """Print the numbers of a finished run, and what differs, moved or failed; end with the exit code."""
-    from studies import summary
+    from studies.answering import summary
 
     parts = [*summary.parts(study, finished.dataset)]
     show(summary.text(parts))

@@ -33,7 +33,8 @@ def fit(file: str, out: str | None, fresh: bool, scheduler: str | None, workers:
     studies. `rig` is the file of a structure, of which d1, d2, damping_ratio, mass_scale, stiffness_scale and
     frequency_K, that of its mode K, can be unknown.
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies import registry, results, runner
+    from studies import registry, runner
+    from studies.answering import results
     from studies.fitting import presentation, problem, rounds
     from sweeps import check_free
 

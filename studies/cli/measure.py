@@ -43,7 +43,8 @@ def measure(file: str, band: str, **which: Any) -> None:
     The observer of a run's velocity of B looks at it, in its own unit; nothing is integrated. A table says its
     times and units in its heads, like t [ms] and v_B [mm/s], or --rate and --unit do.
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies import measured, spec
+    from studies.answering import measured
+    from studies.declaring import spec
 
     if band.count(":") != 1:
         raise click.UsageError(f"--band {band}: it must be LOW:HIGH, such as 200Hz:10kHz")
@@ -66,7 +67,7 @@ def measure(file: str, band: str, **which: Any) -> None:
 
 def beside(study: Study, file: str | None, **which: Any) -> Study:
     """The study, with the measured signal of a file in its figure if one is given."""
-    from studies import measured
+    from studies.answering import measured
     from sweeps import InputError
 
     if file is None:

@@ -37,7 +37,7 @@ def list_studies(study: str | None, out: str | None) -> None:
     """  # noqa: D301 - the backspace tells click to keep the lines
     known, rows, description = catalogue(), list[tuple[str, str]](), ""
     if not study and not FLAGS["quiet"] and result_names(out) and (own := _rows(out)):
-        from studies.results import reference_folder, results_folder
+        from studies.answering.results import reference_folder, results_folder
 
         shown = "; query, plot and report show their reference" if reference_folder(out).is_dir() else ""
         heads = f"Your results in {results_folder(out)}:", f"Studies{shown}:"
@@ -57,12 +57,14 @@ def list_studies(study: str | None, out: str | None) -> None:
 
 def _study(name: str, out: str | None) -> tuple[Study, int]:
     """A study, or that of a result in the folder, and the number of its points."""
-    from studies import registry, results, runner
+    from studies import registry, runner
+    from studies.answering import results
+    from studies.asking.sweep import sweep_of
     from sweeps import Store
 
     file = results.results_file(name, out)
     if name in registry.names() or results.is_script(name) or not Store(file).exists():
-        return (one := registry.resolve(name)), one.sweep({}).grid.size
+        return (one := registry.resolve(name)), sweep_of(one).grid.size
     dataset = results.open_dataset(file)
     return runner.study_of(dataset, name), dataset["status"].size
 
@@ -79,7 +81,7 @@ def show_status(target: str | None, as_json: bool, out: str | None) -> None:
     fiv status
     fiv status elsewhere/scenes/scenes.nc --json
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies import results
+    from studies.answering import results
     from sweeps import status
 
     if target is not None:
@@ -99,7 +101,7 @@ def _table(rows: list[dict[str, str]]) -> str:
 
 def _rows(out: str | None) -> list[dict[str, str]]:
     """The results of the folder, the newest first."""
-    from studies import results
+    from studies.answering import results
 
     every = results.stored(out)
     names = [glob.escape(file.name) for file in every]
@@ -118,7 +120,7 @@ def _row(file: Path, size: float, date: float) -> dict[str, str]:
     from datetime import datetime
 
     import sweeps
-    from studies.results import FITS, MAPS
+    from studies.answering.results import FITS, MAPS
 
     kind = "map" if file.parent.name == MAPS else "study" if file.stem in catalogue() else "own study"
     kind = "fit" if file.parent.parent.name == FITS else kind
@@ -172,7 +174,7 @@ def query(target: str, out: str | None, form: str, units: bool, **which: Any) ->
     With --by rows that agree in its columns are one. --show then has count, and mean:X, std:X, min:X, max:X,
     median:X of the values that are not missing; share:X is the share of rows with each word, or of a condition.
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies import results
+    from studies.answering import results
     from studies.motion import mixed
     from studies.query import query as rows
 
@@ -202,7 +204,8 @@ def plot(target: str, out: str | None, form: str) -> None:
     fiv plot fig5 --format svg
     fiv plot elsewhere/fig5/fig5.nc --out figures
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies import results, runner
+    from studies import runner
+    from studies.answering import results
 
     file = beside = _file(target, out)
     if results.is_path(target):
@@ -246,8 +249,9 @@ def report(targets: tuple[str, ...], out: str | None, file: str | None, watch: b
 
 def _file(target: str, out: str | None) -> Path:
     """The file of the result that STUDY|PATH names, with a note where it is the reference's."""
-    from studies import registry, results
-    from studies.parameters import suggest
+    from studies import registry
+    from studies.answering import results
+    from studies.declaring.parameters import suggest
     from sweeps import MissingFileError, Store
 
     name = registry.resolve(target).name if results.is_script(target) else target

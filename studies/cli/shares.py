@@ -28,7 +28,8 @@ def merge(study: str, folders: tuple[str, ...], out: str | None) -> None:
     DIR are further results folders, in which other jobs have computed their shares. Missing shares are named; what
     they would have computed is pending until they have run and all is merged again.
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies import registry, results, runner
+    from studies import registry, runner
+    from studies.answering import results
     from sweeps import PENDING, MissingFileError, Store
 
     name = Path(study).stem if (is_file := results.is_path(study)) else registry.resolve(study).name

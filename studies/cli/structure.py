@@ -64,10 +64,10 @@ def structure(file: str, out: str | None, fmax: str, mu: float, load: str) -> No
     np.savetxt("rows.txt", rows[free] + [0, 1], "%d")
     """  # noqa: D301 - the backspace tells click to keep the lines
     from fivcore import Structure, checks, flutter_onsets, painleve_mu
-    from studies import spec
+    from studies.answering.results import results_folder
+    from studies.asking.request import structure_of
+    from studies.declaring import spec
     from studies.plotting import figures, receptances
-    from studies.request import structure_of
-    from studies.results import results_folder
     from studies.runner import written
 
     band = checks.band(spec.one(fmax, "fmax", "Hz"))

@@ -10,10 +10,11 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from studies import labels, uncertainty
+from studies.answering.results import configuration
+from studies.declaring import labels
 from studies.fitting.sampling import effective_size
+from studies.motion import uncertainty
 from studies.plotting import figures, planes
-from studies.results import configuration
 from studies.study import Study
 
 if TYPE_CHECKING:

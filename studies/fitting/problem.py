@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from fivcore import Structure, checks
-from fivcore.structure import motion_cutoff
-from studies import request, spec, uncertainty
-from studies.gallery import maps
-from studies.parameters import RIG, Parameter, check_keys, suggest, unusual, warn_unusual
+from fivcore import Structure, checks, motion_cutoff
+from studies.asking import request
+from studies.asking.sweep import sweep_of
+from studies.declaring import spec
+from studies.declaring.parameters import RIG, Parameter, check_keys, suggest, unusual, warn_unusual
+from studies.motion import uncertainty
+from studies.registry import of_quantities
 from studies.study import Study
 from sweeps import InputError, Sweep
 
@@ -148,7 +150,7 @@ class _Reader:
             # A map's motion, of which every realisation counts.
             study, at = self.resolve("regimes"), {"numerical_damping": "none", **at}
         else:
-            study = maps.STUDIES[maps.quantity_group(outputs[0])]
+            study = of_quantities(outputs[:1])
         dims = {dim for variable in study.outputs.values() for dim in variable.dims} - study.parameters.keys()
         chosen = {name: value for name, value in at.items() if name in dims}
         source, sweep = self._source(study, {name: value for name, value in at.items() if name not in dims})
@@ -207,7 +209,7 @@ class _Reader:
         bare = replace(study, paper="", derive=None, summary=None, figure=None, claims=())
         drawn = {parameter: self.priors[name] for parameter, name in unknowns.items()}
         structure = None if self.structure is None else self.structure.to_dict()
-        sweep = bare.sweep({**numbers, **drawn}, structure=structure, samples=CHECKED)
+        sweep = sweep_of(bare, {**numbers, **drawn}, structure=structure, samples=CHECKED)
         for name in drawn.keys() - sweep.grid.axes.keys():
             raise InputError(f"{name}: study {study.name} draws it itself; take another study")
         lines = unusual({name: value for name, value in numbers.items() if value is not None}, values)

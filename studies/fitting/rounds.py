@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import ndtr
 
-from fivcore.errors import SceneError
+from fivcore import SceneError
+from studies.answering.results import FITS
+from studies.asking.sweep import sweep_of
 from studies.fitting import sampling
 from studies.fitting.problem import Model, Problem, Source, varied
-from studies.results import FITS
 from sweeps import Axis, Grid, InputError, Sweep, Variable
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def run(problem: Problem, file: Path, how: tuple[Any, Any], watch: Watch, *, fre
     start, likelihoods = first(problem), np.zeros(0)
     for number in range(problem.rounds):
         z = sampling.replay(start, likelihoods, problem.samples, problem.seed)[1]
-        planned = sweep_of(problem, start, z).plan(file, fresh=fresh and not number)
+        planned = sweep_of_draws(problem, start, z).plan(file, fresh=fresh and not number)
         with watch(planned) as progress:
             dataset = planned.run(*how, progress)
         likelihoods = log_likelihood(problem, dataset)
@@ -80,7 +81,7 @@ def numbers(problem: Problem, z: Any) -> dict[str, Any]:
     return dict(zip(problem.priors, digits, strict=True))
 
 
-def sweep_of(problem: Problem, start: sampling.Proposal, z: Any) -> Sweep:
+def sweep_of_draws(problem: Problem, start: sampling.Proposal, z: Any) -> Sweep:
     """The sweep over the draws of all rounds so far, (n, d)."""
     draws = {"draw": Axis(np.arange(len(z)), long_name="number of the draw")}
     draws |= {name: Axis(column, *problem.axes[name]) for name, column in numbers(problem, z).items()}
@@ -134,7 +135,7 @@ def _outputs(source: Source, points: Mapping[str, Any], structure: Structure | N
     rows = {parameter: points[name] for parameter, name in source.unknowns.items()}
     own = None if structure is None else structure.to_dict()
     try:
-        sweep = source.study.sweep(source.values, rows=rows, structure=own)
+        sweep = sweep_of(source.study, source.values, rows=rows, structure=own)
     except InputError as problem:
         raise InputError(str(problem).removeprefix("points: row 1: ")) from None
     found = sweep.plan().run("sync")

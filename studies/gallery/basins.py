@@ -11,18 +11,19 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import Scene, State, checks
-from studies import labels, paper
+from fivcore import Scene, State, checks, equilibrium
+from studies import paper
+from studies.answering.results import rig_of
+from studies.declaring import labels
+from studies.declaring.spec import evenly
 from studies.gallery import knock as knocks
 from studies.motion import regimes, starts
 from studies.motion.run import REGIMES
+from studies.motion.stability import first_onsets
 from studies.motion.starts import COORDINATES
+from studies.motion.uncertainty import wilson
 from studies.plotting import figures, general, planes
-from studies.results import rig_of
-from studies.spec import evenly
-from studies.stability import first_onsets
 from studies.study import Parameter, Study
-from studies.uncertainty import wilson
 from sweeps import Axis, Variable, unit_draws
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ def motions(
     random = starts_are == "draws"
 
     def point(scene: Scene) -> dict[str, Any]:
-        rest = starts.equilibrium(scene, about)
+        rest = equilibrium(scene, about)
         made = starts.directions(scene, moved, mode, second_mode)
         found, few = np.full(len(places), NONE, dtype=np.int8), np.zeros((2, len(REGIMES)))
         for first in range(0, len(places), BATCH):

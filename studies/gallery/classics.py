@@ -11,13 +11,22 @@ import xarray as xr
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from fivcore import Friction, Scene, State, Structure, simulate, sliding_onsets
-from fivcore.friction import COULOMB
-from fivcore.stability.assembled import assembled_modes, assembled_onsets
-from fivcore.transient.exact import states_at
-from fivcore.transient.normalised import Normalised
-from fivcore.transient.statistics import SEPARATION, SLIP, STICK
-from studies.parameters import Parameter
+from fivcore import (
+    SEPARATION,
+    SLIP,
+    STICK,
+    Friction,
+    Normalised,
+    Scene,
+    State,
+    Structure,
+    assembled_modes,
+    assembled_onsets,
+    exact,
+    simulate,
+    sliding_onsets,
+)
+from studies.declaring.parameters import Parameter
 from studies.plotting import figures
 from studies.study import Study
 
@@ -66,17 +75,24 @@ def block_of(omega: float, xi: float = 0.0) -> Structure:
 
 
 def moved(
-    omega: float, x: float, v: float, contact: int, scene: Any, times: Any, step: float, law: Friction = COULOMB
+    omega: float,
+    x: float,
+    v: float,
+    contact: int,
+    scene: Any,
+    times: Any,
+    step: float,
+    law: Friction | None = None,
 ) -> Any:
     """Positions of 1 kg on a spring by 'exact' and, with two steps, 'fast'; its velocity; `scene` is V, mu, N."""
     (V, mu, N), last, block = scene, float(times[-1]), block_of(omega)
-    own, q, rate = Scene(V, 0.0, mu, N, block, law), np.array([0.0, x]), np.array([0.0, v])
-    exact = partial(states_at, Normalised.of(own), ramp=0.0, initial=State(q / N, rate / N, contact))
+    own, q, rate = Scene(V, 0.0, mu, N, block, law or Friction()), np.array([0.0, x]), np.array([0.0, v])
+    states = partial(exact.states_at, Normalised.of(own), ramp=0.0, initial=State(q / N, rate / N, contact))
     fast = partial(simulate, own, last, ramp=0.0, initial=State(q, rate, contact), record=True, sample_rate=None)
     # Velocities in the middle of the steps.
     paths = [(h, x + h * np.cumsum(fast(step=h).velocity_B)) for h in (step, 0.5 * step)]
-    columns = [N * exact(times)[:, 1], *(path[np.rint(times / h).astype(int) - 1] for h, path in paths)]
-    return columns, lambda t: exact(np.array([t]))[0, 3]
+    columns = [N * states(times)[:, 1], *(path[np.rint(times / h).astype(int) - 1] for h, path in paths)]
+    return columns, lambda t: states(np.array([t]))[0, 3]
 
 
 def decay() -> Any:
@@ -181,7 +197,7 @@ def fading() -> Any:
 
     def slower(V: float) -> Any:
         (scene, start), time = belted(V, law, xi), np.array([1.0 / V - 2.0 * xi + crest(V)[0]])
-        return V - states_at(Normalised.of(scene), time, ramp=0.0, initial=start)[0, 3]
+        return V - exact.states_at(Normalised.of(scene), time, ramp=0.0, initial=start)[0, 3]
 
     end = brentq(lambda V: crest(V)[1], 1.83, 1.85, xtol=1e-13)
     near = end + np.array([1e-3, 2e-3, 3e-3])  # below it sticks

@@ -10,16 +10,26 @@ import numpy as np
 import xarray as xr
 from scipy.integrate import cumulative_trapezoid
 
-from fivcore import LimitCycle, Rig, Scene, Transient, checks, follow_cycle, limit_cycle
-from fivcore.errors import SceneError, UnsolvedError
-from fivcore.transient.published import with_numerical_damping
-from studies import labels, paper, summary
-from studies.claims import Claim, is_papers_point
+from fivcore import (
+    LimitCycle,
+    Rig,
+    Scene,
+    SceneError,
+    Transient,
+    UnsolvedError,
+    checks,
+    follow_cycle,
+    limit_cycle,
+    with_numerical_damping,
+)
+from studies import paper
+from studies.answering.claims import is_papers_point
+from studies.declaring import labels
+from studies.declaring.parameters import RUN, published
 from studies.motion import regimes, run, series
 from studies.motion.jobs import Job, outcomes, run_all
-from studies.parameters import RUN, published
 from studies.plotting import figures, planes
-from studies.study import Parameter, Study
+from studies.study import Claim, Parameter, Study
 from sweeps import Axis, Variable
 
 if TYPE_CHECKING:
@@ -252,15 +262,15 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     names = ["V", "regime", "stick_fraction", "slip_fraction", "separation_fraction", "state_changes_per_period"]
     yield (
         "Fractions of time, and changes of state in a period of the dominant frequency",
-        summary.frame(table, names),
+        labels.frame(table, names),
     )
     yield (
         "Normal force",
-        summary.frame(
+        labels.frame(
             dataset, ["V", "mean_normal_force", "normal_force_999", "max_normal_force", "start_up_normal_force"]
         ),
     )
-    yield "Slip speed", summary.frame(dataset, ["V", "slip_speed_999", "max_slip_speed", "start_up_slip_speed"])
+    yield "Slip speed", labels.frame(dataset, ["V", "slip_speed_999", "max_slip_speed", "start_up_slip_speed"])
     yield "Largest values are spikes of microseconds and grow with the length of the run."
 
 

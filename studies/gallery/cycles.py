@@ -11,15 +11,27 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from fivcore import CycleBranch, LimitCycle, Rig, Scene, State, checks, follow_cycle, limit_cycle, sliding_onsets
-from fivcore.errors import SceneError, UnsolvedError
-from studies import labels
+from fivcore import (
+    CycleBranch,
+    LimitCycle,
+    Rig,
+    Scene,
+    SceneError,
+    State,
+    UnsolvedError,
+    checks,
+    equilibrium,
+    follow_cycle,
+    limit_cycle,
+    sliding_onsets,
+)
+from studies.declaring import labels
+from studies.declaring.parameters import RIG, RUN, SCENE, rig_numbers
+from studies.declaring.spec import evenly
 from studies.gallery import hysteresis, knock
 from studies.motion import regimes, run, starts
 from studies.motion.jobs import Job, run_all
-from studies.parameters import RIG, RUN, SCENE, rig_numbers
 from studies.plotting import figures, general, planes
-from studies.spec import evenly
 from studies.study import Parameter, Study
 from sweeps import Axis, InputError, Variable
 
@@ -52,11 +64,11 @@ OUTPUTS = {n: v for n, v in hysteresis.OUTPUTS.items() if n not in ("extremum", 
 
 
 def bifurcations(
-    scenes: Sequence[tuple[Scene, ...]], follow: str, hold: float, most: int, edges: int, **how: Any
+    chains: Sequence[tuple[Scene, ...]], follow: str, hold: float, most: int, edges: int, **how: Any
 ) -> dict[str, Any]:
     """Hysteresis, knock thresholds and branches of limit cycles of each chain of scenes."""
-    found = hysteresis.follow(scenes, 1.0, hold, **how)
-    rows = [of_chain(*each, follow, hold, most, edges, how) for each in zip(scenes, found["regime"], strict=True)]
+    found = hysteresis.follow(chains, 1.0, hold, **how)
+    rows = [of_chain(*each, follow, hold, most, edges, how) for each in zip(chains, found["regime"], strict=True)]
     return {n: v for n, v in found.items() if n in OUTPUTS or n == "error"} | {
         name: np.stack([row[name] for row in rows]) for name in rows[0]
     }
@@ -76,7 +88,7 @@ def of_chain(
         for key, value in knock.threshold(scene, KNOCK["largest_knock"], KNOCK["resolution"], options).items():
             thresholds[key][k] = value
         if np.isfinite(hit := thresholds["knock_threshold"][k]):
-            q, (_, v) = starts.equilibrium(scene), starts.directions(scene, ["knock"])[0]
+            q, (_, v) = equilibrium(scene), starts.directions(scene, ["knock"])[0]
             tried.append((k, (State.of(scene, q, 1.5 * hit * v), State.of(scene, q, 0.0 * v))))
     usual = periodic if periodic.any() or tried else vibrates[:, 0]
     tried += [(k, None) for k in spread(np.flatnonzero(usual), 1)]
@@ -317,6 +329,5 @@ STUDY = Study(
     summary=summarise,
     figure=draw,
     check=check,
-    follows="follow",
     chaotic=True,
 )

@@ -13,11 +13,12 @@ import pandas as pd
 import xarray as xr
 
 from fivcore import Rig, Scene, Transient, checks, flutter_onsets
-from studies import labels, paper, summary
-from studies.claims import PRINTED
+from studies import paper
+from studies.answering.claims import PRINTED
+from studies.declaring import labels
+from studies.declaring.parameters import RIG, RUN, SCENE, Parameter, published
 from studies.motion import ensemble, regimes, run
 from studies.motion.jobs import Job, outcomes
-from studies.parameters import RIG, RUN, SCENE, Parameter, published
 from studies.plotting import figures, planes
 from studies.study import Study
 from sweeps import DONE, Axis, Variable
@@ -208,7 +209,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield "Where most statements hold", pd.DataFrame(rows, columns=["d1 1/s", "d2 from s", "to"])
     names = ["scene", "regime", *QUANTITIES[:5], QUANTITIES[6]]
     for each in both.values():
-        yield f"Motion with {_named(each)}; middle of the realisations", summary.frame(each, names)
+        yield f"Motion with {_named(each)}; middle of the realisations", labels.frame(each, names)
     pairs = product(both.items(), ("onset_mu", "onset_frequency"))
     yield "Onsets of flutter, Hz", pd.DataFrame({f"{name} {key}": each[key].values for (name, each), key in pairs})
 

@@ -9,13 +9,14 @@ import numpy as np
 import xarray as xr
 
 from fivcore import Scene, Transient
-from studies import labels, paper, summary
-from studies.claims import Claim, is_papers_point
+from studies import paper
+from studies.answering.claims import is_papers_point
+from studies.declaring import labels
+from studies.declaring.parameters import RUN, published
 from studies.motion import regimes, run, series
-from studies.parameters import RUN, published
+from studies.motion.stability import LEAST_STABLE, least_stable
 from studies.plotting import figures, planes
-from studies.stability import LEAST_STABLE, least_stable
-from studies.study import Parameter, Study
+from studies.study import Claim, Parameter, Study
 from sweeps import Variable
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield f"Motion by inclination, {regimes.damping_text(dataset)}: {kinds}."
     names = ["theta", "regime", "dominant_frequency", "velocity_rms", "mode_growth_rate", "mode_frequency"]
     table = dataset.assign(dominant_frequency=regimes.dominant_frequency(dataset))
-    yield "Motion and the least stable mode of steady sliding", summary.frame(table, names)
+    yield "Motion and the least stable mode of steady sliding", labels.frame(table, names)
 
 
 def draw(dataset: xr.Dataset) -> Figure:
@@ -88,7 +89,7 @@ def draw(dataset: xr.Dataset) -> Figure:
         figures.trace(top, point["elapsed"].values, velocity, color=colour, label=text, zorder=above)
         _draw_growth(growth, point, colour)
         tones.plot(
-            point["frequency"] / 1e3, figures.decibels(point["spectrum"]), style, color=colour, linewidth=1.0
+            point["frequency"] / 1e3, series.decibels(point["spectrum"]), style, color=colour, linewidth=1.0
         )
     top.set(xlim=(0.0, float(dataset["duration"])), xlabel="time since the drive started / s")
     top.set_ylabel("velocity of B / (mm/s)")

@@ -9,8 +9,11 @@ import numpy as np
 import xarray as xr
 
 from fivcore import Rig, Structure, flutter_onsets, sliding_modes
-from studies import paper, summary
-from studies.claims import Claim, is_papers_point, rig_text
+from studies import paper
+from studies.answering.claims import is_papers_point, rig_text
+from studies.answering.results import rig_of
+from studies.declaring import labels
+from studies.declaring.spec import evenly
 from studies.motion.run import BAND
 from studies.plotting import figures
 from studies.plotting.modes import (
@@ -21,9 +24,7 @@ from studies.plotting.modes import (
     mark_recoveries,
     name_growing,
 )
-from studies.results import rig_of
-from studies.spec import evenly
-from studies.study import Parameter, Study
+from studies.study import Claim, Parameter, Study
 from sweeps import Axis
 
 if TYPE_CHECKING:
@@ -88,14 +89,14 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         yield f"The contact jams: a mode grows without oscillation from mu = {diverges:.4f} on."
     for kind, caption in {"onset": "Flutter onsets", "recovery": "Recoveries"}.items():
         if dataset.sizes[kind]:
-            yield caption, summary.frame(dataset, [f"{kind}_mu", f"{kind}_frequency"])
+            yield caption, labels.frame(dataset, [f"{kind}_mu", f"{kind}_frequency"])
     # At the paper's friction, and at the largest at which any grows.
     papers = int(np.abs(dataset["mu"].values - paper.MU).argmin())
     for k in dict.fromkeys([papers, *np.flatnonzero(grows)[-1:].tolist()]):
         unstable = dataset.isel(mu=k, mode=np.flatnonzero(dataset["growth_rate"][k] > 0.0))
         if unstable.sizes["mode"]:
             caption = f"Unstable modes at mu = {float(unstable['mu']):g}"
-            yield caption, summary.frame(unstable, ["mode", "frequency", "growth_rate"])
+            yield caption, labels.frame(unstable, ["mode", "frequency", "growth_rate"])
 
 
 def draw(dataset: xr.Dataset) -> Figure:

@@ -10,13 +10,15 @@ import numpy as np
 import xarray as xr
 
 from fivcore import Rig, SlidingModes, checks, flutter_onsets, node_positions, sliding_modes
-from studies import paper, results, spec, summary
-from studies.claims import Claim, is_papers_point
+from studies import paper
+from studies.answering import results
+from studies.answering.claims import is_papers_point
+from studies.declaring import labels, spec
+from studies.declaring.parameters import Parameter
 from studies.gallery import fig5
 from studies.motion import run, scenes
-from studies.parameters import Parameter
 from studies.plotting import figures
-from studies.study import Study
+from studies.study import Claim, Study
 from sweeps import Axis, InputError
 
 if TYPE_CHECKING:
@@ -115,7 +117,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     x, y = (float(np.hypot(tip[f"shape_{x}_real"], tip[f"shape_{x}_imag"])) for x in "xy")
     yield f"Modes {numbers} lock in at mu = {mu:.4f}, {hertz:.0f} Hz."
     yield f"In the unstable mode (largest displacement 1) P1's tip moves by {x:.3f} along x, {y:.3f} along y."
-    yield f"The modes at mu = {float(start['mu']):g}", summary.frame(start, ["mode", "frequency", "growth_rate"])
+    yield f"The modes at mu = {float(start['mu']):g}", labels.frame(start, ["mode", "frequency", "growth_rate"])
 
 
 def draw(dataset: xr.Dataset) -> Figure:

@@ -9,15 +9,15 @@ import numpy as np
 import xarray as xr
 
 from fivcore import Scene, Transient, glued_frequencies
-from studies import labels, paper, summary
-from studies.claims import Claim, is_papers_point
-from studies.measured import Signal
-from studies.measured import draw as draw_measured
+from studies import paper
+from studies.answering.claims import is_papers_point
+from studies.answering.measured import Signal
+from studies.answering.results import rig_of
+from studies.declaring import labels
+from studies.declaring.parameters import RUN, published
 from studies.motion import regimes, run, series
-from studies.parameters import RUN, published
 from studies.plotting import figures, planes
-from studies.results import rig_of
-from studies.study import Parameter, Study
+from studies.study import Claim, Parameter, Study
 from sweeps import Variable
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def _line_height(point: xr.Dataset) -> float:
     """Height of the main line over its foot, dB: how sharp it is; NaN without vibration."""
     main, frequency = float(regimes.dominant_frequency(point)), point["frequency"].values
     near = point["spectrum_vibrating"].values[np.abs(frequency - main) <= FOOT * main]
-    return float(np.ptp(figures.decibels([near.max(), np.median(near)]))) if near.size else np.nan
+    return float(np.ptp(series.decibels([near.max(), np.median(near)]))) if near.size else np.nan
 
 
 def _harmonic(point: xr.Dataset, order: int) -> float:
@@ -125,14 +125,12 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         "periodicity",
         "line_height_dB",
     ]
-    yield "Motion", summary.frame(dataset, named)
+    yield "Motion", labels.frame(dataset, named)
     yield (
         "Begin and long sticks",
-        summary.frame(
-            dataset, ["V", "first_slip_time", "first_separation_time", "long_sticks", "mean_stick_time"]
-        ),
+        labels.frame(dataset, ["V", "first_slip_time", "first_separation_time", "long_sticks", "mean_stick_time"]),
     )
-    peaks = summary.frame(
+    peaks = labels.frame(
         dataset.assign(dominant_frequency=regimes.dominant_frequency(dataset)), ["V", "dominant_frequency"]
     )
     for k, order in enumerate(dataset["harmonic"].values):
@@ -156,7 +154,7 @@ def draw(dataset: xr.Dataset, measured: Signal | None = None) -> Figure:
     count = len(rows) + (measured is not None)
     figure, panels = figures.panels(count, 2, 18.0, 3.2 + 4.6 * count, **shared)
     if measured is not None:
-        draw_measured(panels, measured)
+        _draw_measured(panels, measured)
     papers = is_papers_point(dataset, mu=paper.MU, F=paper.LOAD, theta=paper.THETA)
     for k, left, right in zip(rows, panels[::2], panels[1::2], strict=False):
         _draw_speed(left, right, dataset.isel(V=k))
@@ -194,12 +192,23 @@ def _draw_speed(left: Axes, right: Axes, point: xr.Dataset) -> None:
     look: dict[str, Any] = {"snap": False, "color": figures.BLACK, "linewidth": 0.0, "label": "long stick"}
     left.broken_barh(spans, (0.0, 0.045), transform=left.get_xaxis_transform(), **look)
     right.plot(
-        frequency, figures.decibels(point["spectrum"]), color=figures.BLUE, linewidth=1.0, label="after settling"
+        frequency, series.decibels(point["spectrum"]), color=figures.BLUE, linewidth=1.0, label="after settling"
     )
-    stuck = figures.decibels(point["spectrum_stuck"])
+    stuck = series.decibels(point["spectrum_stuck"])
     right.plot(frequency, stuck, color=figures.BLACK, linewidth=0.8, label="within long sticks")
     if np.isfinite(main):
         right.set_title(f"dominant frequency {main:.0f} Hz", loc="left")
+
+
+def _draw_measured(panels: Sequence[Axes], signal: Signal) -> None:
+    """A measured `velocity` in the last row of panels, mm/s, and its spectrum in all of the right column."""
+    time, frequency = np.arange(len(signal.values)) / signal.rate, series.frequencies(signal.rate).values / 1e3
+    power = series.decibels(series.spectrum(signal.values, np.ones(len(time), dtype=bool), signal.rate))
+    panels[-2].set_title(f"measured: {signal.name}", loc="left")
+    panels[-2].set_ylabel("velocity / (mm/s)")
+    figures.trace(panels[-2], time, 1e3 * signal.values, color=figures.ORANGE)
+    for right in panels[1::2]:
+        right.plot(frequency, power, color=figures.ORANGE, linewidth=0.8, label="measured")
 
 
 STUDY = Study(

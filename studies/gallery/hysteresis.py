@@ -11,16 +11,15 @@ import pandas as pd
 import xarray as xr
 from scipy.signal import find_peaks
 
-from fivcore import Scene, State, Transient, checks
-from fivcore.contact.reduced import full_model
-from studies import labels
-from studies.gallery.regimes import linear_stability
+from fivcore import Scene, State, Transient, checks, equilibrium, full_model, loading_time
+from studies.declaring import labels
+from studies.declaring.parameters import FRICTION, RIG, RUN, SCENE
+from studies.declaring.spec import evenly
 from studies.motion import ensemble, regimes, starts
 from studies.motion import run as runs
 from studies.motion.jobs import Job, balanced, run_all
-from studies.parameters import FRICTION, RIG, RUN, SCENE
+from studies.motion.stability import linear_stability
 from studies.plotting import figures, general, planes
-from studies.spec import evenly
 from studies.study import Parameter, Study
 from sweeps import Axis, InputError, Variable
 
@@ -47,11 +46,11 @@ OUTPUTS: dict[str, Any] = {
 
 
 def follow(
-    scenes: Sequence[tuple[Scene, ...]], member: Any, hold: float, knock: float = 0.0, **run: Any
+    chains: Sequence[tuple[Scene, ...]], member: Any, hold: float, knock: float = 0.0, **run: Any
 ) -> dict[str, Any]:
     """The motion at each value of the parameter, up and down, of each point."""
-    numbers = np.broadcast_to(member, len(scenes)).tolist()
-    found = [loop(chain, number, hold, knock, run) for chain, number in zip(scenes, numbers, strict=True)]
+    numbers = np.broadcast_to(member, len(chains)).tolist()
+    found = [loop(chain, number, hold, knock, run) for chain, number in zip(chains, numbers, strict=True)]
     errors = [each if isinstance(each, Exception) else None for each in found]
     done = [each for each in found if isinstance(each, dict)]
     if not done:
@@ -75,10 +74,10 @@ def loop(chain: Sequence[Scene], number: float, hold: float, knock: float, run: 
     for place, way in [(k, 0) for k in range(len(chain))] + [(k, 1) for k in reversed(range(len(chain)))]:
         scene, error = chain[place], 0.0
         if state is None:
-            loading = 0.5 * run["ramp"] + ensemble.loading_time(scene)
+            loading = 0.5 * run["ramp"] + loading_time(scene)
             job = runs.job(scene, loading + settling + hold, run)
             if knock:
-                q, (_, v) = starts.equilibrium(scene), starts.directions(scene, ["knock"])[0]
+                q, (_, v) = equilibrium(scene), starts.directions(scene, ["knock"])[0]
                 job = runs.job(scene, settling + hold, run, initial=State.of(scene, q, knock * v))
         else:
             # A change of V is a jump of the slip rate, which knocks a vibration: it is made in small ones.
@@ -270,6 +269,5 @@ STUDY = Study(
     summary=summarise,
     figure=draw,
     check=check,
-    follows="follow",
     chaotic=True,
 )

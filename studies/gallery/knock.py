@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Scene, State, checks
-from studies.gallery.regimes import linear_stability
+from fivcore import Scene, State, checks, equilibrium
+from studies.declaring.parameters import Parameter
 from studies.motion import regimes, starts
-from studies.parameters import Parameter
+from studies.motion.stability import linear_stability
 from sweeps import Variable
 
 # Shares of the largest knock that are tried in turn: starts of vibration may fill several intervals.
@@ -48,7 +48,7 @@ def threshold(scene: Scene, largest_knock: float, resolution: float, options: di
     stability = linear_stability(scene, options["cutoff"], options["numerical_damping"])
     if np.fmax(stability["growth_rate"], stability["model_growth_rate"]) > 0.0:
         return nothing
-    q, (_, v) = starts.equilibrium(scene), starts.directions(scene, ["knock"])[0]
+    q, (_, v) = equilibrium(scene), starts.directions(scene, ["knock"])[0]
     tried = scene.F * largest_knock * SCAN
 
     def vibrate(knocks: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -11,16 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from fivcore import Rig, Scene, Structure, checks
-from fivcore.beams.elements import hermite
-from fivcore.beams.modes import rig_bases
-from fivcore.contact.reduced import default_cutoff, reduced_model
-from studies import labels, summary
+from fivcore import Rig, Scene, Structure, checks, on_foot, reduced_model
+from studies.declaring import labels
+from studies.declaring.spec import evenly
 from studies.motion import ensemble, mixed
 from studies.motion.jobs import Job, outcomes
+from studies.motion.stability import largest_growth
 from studies.plotting import figures, planes
-from studies.spec import evenly
-from studies.stability import largest_growth
 from studies.study import Parameter, Study
 
 if TYPE_CHECKING:
@@ -49,27 +46,7 @@ COLUMNS = ("nodes", "mu", "finer", "closed", "regime", *STATISTICS, "stick_fract
 COLOURS = (figures.BLACK, figures.ORANGE, figures.RED, figures.BLUE, figures.GREY)
 
 
-@lru_cache(maxsize=64)
-def foot(rig: Rig, theta: float, nodes: int, length: float) -> Structure:
-    """The rig with P1's tip on a rigid foot without mass, `nodes` contacts evenly over `length`, m, along x."""
-    own, (upper, lower) = Structure.of(rig, theta), rig_bases(rig, theta)
-    if nodes == 1:
-        return replace(own, cutoff=default_cutoff(rig))
-    # Deflection and rotation of P2's nodes in turn, as `hermite` takes them.
-    bent, rows = lower.shapes[1:, 1:].reshape(2 * rig.p2.elements, -1), []
-    for arm in np.linspace(-0.5, 0.5, nodes) * length:
-        along, across = hermite(rig.p2, rig.contact_position + arm)
-        lifted = upper.shapes[-1, 1] + arm * upper.shapes[-1, 2]
-        moved = np.append(upper.shapes[-1, 0], -along @ lower.shapes[1:, 0])
-        rows.append((np.append(lifted, -across @ bent), moved))
-    normal, tangential = map(np.stack, zip(*rows, strict=True))
-    each: dict[str, Any] = {
-        "normal": normal,
-        "tangential": tangential,
-        "gap": np.zeros(nodes),
-        "friction": np.ones(nodes),
-    }
-    return replace(own, **each, cutoff=default_cutoff(rig))
+foot = lru_cache(maxsize=64)(on_foot)
 
 
 def sliding(own: Structure, mu: float) -> tuple[Structure, int]:
@@ -149,7 +126,7 @@ def check(rig: Rig, nodes: Any, finer: Any, foot_length: Any, **others: Any) -> 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """What a foot changes against a point, how much the number of nodes and the step matter, and all numbers."""
-    table = summary.frame(dataset[[*ABOUT]].max(("mu", "finer")), ["nodes", *ABOUT])
+    table = labels.frame(dataset[[*ABOUT]].max(("mu", "finer")), ["nodes", *ABOUT])
     point, feet = table[table["nodes"] == 1], table[table["nodes"] > 1].dropna()
     if len(point) and len(feet):
         onsets = " or ".join(dict.fromkeys(map(labels.number, feet["onset_mu"])))
@@ -173,7 +150,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
                 f" between realisations they scatter by up to {scatter:.3f}."
             )
     yield "By number of nodes", table
-    yield "Motion", summary.frame(dataset, COLUMNS, along=["nodes", "mu", "finer"])
+    yield "Motion", labels.frame(dataset, COLUMNS, along=["nodes", "mu", "finer"])
 
 
 def draw(dataset: xr.Dataset) -> Figure:

@@ -10,22 +10,22 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import Scene, Transient
-from fivcore.contact.reduced import reduced_model
-from fivcore.stability.falling import sliding_point
-from fivcore.structure import modal_structure
-from fivcore.transient.fast.steady import eigenvalues
-from fivcore.transient.published import with_numerical_damping
-from studies import labels, paper, summary
-from studies.claims import Claim, is_papers_rig
+from fivcore import (
+    Scene,
+    Transient,
+    loading_time,
+)
+from studies import paper
+from studies.answering.claims import is_papers_rig
+from studies.answering.results import rig_of
+from studies.declaring import labels
+from studies.declaring.spec import evenly, logarithmically
 from studies.motion import ensemble, mixed, regimes, run
 from studies.motion.jobs import Job, outcomes
 from studies.motion.regimes import KINDS
+from studies.motion.stability import first_onsets, linear_stability, with_flags
 from studies.plotting import figures, planes
-from studies.results import rig_of
-from studies.spec import evenly, logarithmically
-from studies.stability import first_onsets, largest_growth, sliding_of
-from studies.study import Parameter, Study
+from studies.study import Claim, Parameter, Study
 from sweeps import DONE, FAILED, Variable
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ VERDICTS = {
     "no verdict": "not compared: undecided, stuck, or too short for modes that decay or grow slowly",
     "failed": "failed",
 }
+VERDICT = "motion against linear stability of steady sliding"
 # Below this a regime whose realisations differ is called uncertain.
 CERTAIN = 0.95
 # A mode decides by growing or decaying so many times e-fold, between the size of a vibration and what counts as
@@ -73,54 +74,24 @@ def motions(scenes: Sequence[Scene], members: int, **options: Any) -> dict[str, 
         scene = jobs[0].scene
         duration = np.mean([motion.summary["simulated_time"] for motion in runs])
         stability = linear_stability(scene, options["cutoff"], options["numerical_damping"])
-        times = {"duration": duration, "loading_time": ensemble.loading_time(scene)}
+        times = {"duration": duration, "loading_time": loading_time(scene)}
         return ensemble.statistics(runs) | stability | times
 
     return outcomes([ensemble.ensemble(scene, members, options) for scene in scenes], values)
-
-
-def linear_stability(scene: Scene, cutoff: float | None, numerical_damping: str) -> dict[str, Any]:
-    """Linear stability of steady sliding: of all modes below the band's end, and of the model that is simulated.
-
-    The simulated model has numerical damping, or none, and modes up to its cut-off, far above the band. Which of
-    those grow depends on both; a scene that vibrates although none does is subcritical.
-    """
-    theta, mu = scene.drive_theta, scene.mu
-    rate, frequency, unstable = largest_growth(scene.rig, theta, mu, run.BAND, **sliding_of(scene))
-    values = {"growth_rate": rate, "growth_frequency": frequency, "unstable_modes": unstable}
-    rig = with_numerical_damping(scene.rig, run.METHOD, numerical_damping)
-    model = reduced_model(rig, theta, cutoff)
-    friction, found = scene.friction, np.empty(0, dtype=complex)
-    # In rigid contact only rounding holds the gap of a lasting contact, and several have no such map.
-    if model.K.any() and not scene.rig.several:
-        kinetic, fall = sliding_point(modal_structure(rig, theta), friction, mu, abs(scene.V), scene.F)
-        found = eigenvalues(model, kinetic, model.default_step, fall)
-    model_rate = model_frequency = np.nan
-    if len(found):
-        top = found[np.argmax(found.real)]
-        model_rate, model_frequency = float(top.real), abs(float(top.imag)) / (2.0 * np.pi)
-    return values | {"model_growth_rate": model_rate, "model_growth_frequency": model_frequency}
 
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:
     """Add where steady sliding loses its stability, and how the motion of each point compares with that."""
     dims, *onset = first_onsets(dataset, rig_of(dataset))
     text = f"lowest mu at which steady sliding flutters (modes {BELOW}), up to the largest mu of the grid"
-    codes = xr.Variable(
-        dataset["regime"].dims,
-        compare_linear(dataset),
-        {
-            "long_name": "motion against linear stability of steady sliding",
-            "flag_values": np.arange(len(VERDICTS), dtype=np.int8),
-            "flag_meanings": " ".join(name.replace(" ", "_") for name in VERDICTS),
-        },
-        {"dtype": "int8", "_FillValue": np.int8(np.iinfo(np.int8).min)},
-    )
-    return dataset.assign(
+    empty = {"dtype": "int8", "_FillValue": np.int8(np.iinfo(np.int8).min)}
+    codes = xr.Variable(dataset["regime"].dims, compare_linear(dataset), {"long_name": VERDICT}, empty)
+    dataset = dataset.assign(
         onset_mu=(dims, onset[0], {"units": "1", "long_name": text}),
         onset_frequency=(dims, onset[1], {"units": "Hz", "long_name": f"frequency at the {text}"}),
         verdict=codes,
     )
+    return with_flags(dataset, tuple(VERDICTS), "verdict")
 
 
 def compare_linear(dataset: xr.Dataset) -> NDArray[np.float32]:
@@ -185,7 +156,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         pd.DataFrame(found, columns=["verdict", "scenes", "where"]),
     )
     if np.isfinite(dataset["onset_mu"]).any():
-        onsets = summary.frame(dataset, [*map(str, dataset["onset_mu"].dims), "onset_mu", "onset_frequency"])
+        onsets = labels.frame(dataset, [*map(str, dataset["onset_mu"].dims), "onset_mu", "onset_frequency"])
         yield f"Lowest mu at which steady sliding flutters (modes {BELOW})", onsets
 
 

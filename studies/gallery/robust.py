@@ -11,15 +11,17 @@ import pandas as pd
 import xarray as xr
 
 from fivcore import Rig, checks
-from studies import labels, paper, summary, uncertainty
-from studies.claims import is_papers_rig, rig_text
+from studies import paper
+from studies.answering.claims import is_papers_rig, rig_text
+from studies.answering.results import configuration, settings
+from studies.declaring import labels
+from studies.declaring.parameters import RIG, Parameter, rig_numbers
+from studies.declaring.spec import evenly
+from studies.motion import uncertainty
 from studies.motion.run import BAND
-from studies.parameters import RIG, Parameter, rig_numbers
+from studies.motion.uncertainty import MOST_SAMPLES, MU_MAX, USUAL
 from studies.plotting import figures, planes
-from studies.results import configuration, settings
-from studies.spec import evenly
 from studies.study import Study
-from studies.uncertainty import MOST_SAMPLES, MU_MAX, USUAL
 from sweeps import DONE, Axis, InputError, Variable
 
 if TYPE_CHECKING:
@@ -118,7 +120,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     rows = np.vstack([100.0 * ends[0], np.quantile(onset, ends, method="inverted_cdf")]).T
     table = pd.DataFrame(rows, columns=["unstable rigs %", "from mu", "95 % interval: from", "to"])
     yield f"Lowest onset of the rigs {where}", table.replace(np.inf, np.nan)
-    table = summary.frame(at.isel(parameter=slice(LISTED)), ["text", *list(OUTPUTS)[-4:]])
+    table = labels.frame(at.isel(parameter=slice(LISTED)), ["text", *list(OUTPUTS)[-4:]])
     yield f"Sobol indices of the lowest onset {where}", table.rename(columns={"text": "parameter"})
     yield "Uncertain parameters", uncertainty.table({name: at[name].distribution for name in at.parameter.values})
 

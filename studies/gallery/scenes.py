@@ -10,7 +10,8 @@ import numpy as np
 import xarray as xr
 
 from fivcore import Scene, Transient, Until, checks
-from studies import paper, summary
+from studies import paper
+from studies.declaring import labels
 from studies.motion import ensemble, regimes, run, series
 from studies.motion.jobs import Job, outcomes
 from studies.plotting import contacts, general
@@ -68,14 +69,14 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     counts = ", ".join(f"{n} {kind}" for n, kind in zip(numbers, regimes.KINDS, strict=True) if n)
     yield f"{numbers.sum()} scenes, {regimes.damping_text(dataset)}: {counts}."
     points = dataset[[*COLUMNS, "status"]].stack(point=dataset["status"].dims, create_index=False)
-    table = summary.frame(points.isel(point=slice(MOST_ROWS)), COLUMNS, along="point")
+    table = labels.frame(points.isel(point=slice(MOST_ROWS)), COLUMNS, along="point")
     more = f" (the first {MOST_ROWS} of {points.sizes['point']})" if points.sizes["point"] > MOST_ROWS else ""
     yield f"Scenes{more}", table
     if "contact" in dataset.dims:
         names = [*COLUMNS[:4], "contact", *(name for name in BY_CONTACT if "contact" in dataset[name].dims)]
         first = dataset[names].stack(point=dataset["status"].dims, create_index=False)
         first = first.isel(point=slice(max(MOST_ROWS // dataset.sizes["contact"], 1)))
-        yield "Contacts", summary.frame(first, names, along=["point", "contact"])
+        yield "Contacts", labels.frame(first, names, along=["point", "contact"])
 
 
 def draw(dataset: xr.Dataset) -> Figure:

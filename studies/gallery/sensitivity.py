@@ -12,15 +12,16 @@ import pandas as pd
 import xarray as xr
 
 from fivcore import OnsetSensitivity, Rig, checks, flutter_onsets, onset_curves, onset_sensitivity
-from studies import labels, paper
-from studies.claims import rig_text
+from studies import paper
+from studies.answering.claims import rig_text
+from studies.declaring import labels
+from studies.declaring.parameters import RIG, Parameter, rig_numbers
+from studies.declaring.spec import evenly
 from studies.motion.run import BAND
 from studies.motion.scenes import rig_of
-from studies.parameters import RIG, Parameter, rig_numbers
+from studies.motion.uncertainty import UNCERTAIN
 from studies.plotting import figures, planes
-from studies.spec import evenly
 from studies.study import Study
-from studies.uncertainty import UNCERTAIN
 from sweeps import Axis, InputError, Variable
 
 if TYPE_CHECKING:

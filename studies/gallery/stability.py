@@ -10,12 +10,13 @@ import pandas as pd
 import xarray as xr
 
 from fivcore import OnsetCurves, Rig, onset_curves
-from studies import paper, results, spec, summary
-from studies.claims import Claim, is_papers_rig, rig_text
+from studies import paper
+from studies.answering import results
+from studies.answering.claims import is_papers_rig, rig_text
+from studies.declaring import labels, spec
+from studies.declaring.parameters import SLIDING, Parameter
 from studies.motion.run import BAND
-from studies.parameters import SLIDING, Parameter
-from studies.plotting import figures, general, planes
-from studies.stability import (
+from studies.motion.stability import (
     first_onsets,
     friction_in,
     growths,
@@ -23,7 +24,8 @@ from studies.stability import (
     with_flags,
     with_unstable_intervals,
 )
-from studies.study import Study
+from studies.plotting import figures, general, planes
+from studies.study import Claim, Study
 from sweeps import Variable
 
 if TYPE_CHECKING:
@@ -49,9 +51,8 @@ CLAIMS = (
     Claim("unstable_modes", {}, len(paper.ANGLES_UNSTABLE[paper.THETA]), "3.4.2"),
     *(Claim("unstable_modes", {"theta": x}, 0.0, STEADY) for x in (15.0, *paper.STEADY_ANGLES)),
 )
-# Of stable points, which no shade is like, and of so many unstable pairs, the last of more as well.
-STABLE = "#ececec"
-COUNTS = (STABLE, "#a6dcf7", figures.BLUE, "#00304d")
+# Of so many unstable pairs, the last of more as well.
+COUNTS = (planes.STABLE, "#a6dcf7", figures.BLUE, "#00304d")
 STYLES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (1.3, 1.3)), (0, (6, 1.5, 1.3, 1.5)))
 # Growth rates below this fraction of the largest have one shade.
 FAINTEST = 0.01
@@ -141,7 +142,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     if comment := dataset["pair_onset_mu"].attrs.get("comment", ""):
         yield f"The onsets could not be followed over theta: {comment}."
     frames = [
-        summary.frame(dataset, [f"{dim}_lowest_{name}" for name in ("frequency", "mu", "theta")], along=dim)
+        labels.frame(dataset, [f"{dim}_lowest_{name}" for name in ("frequency", "mu", "theta")], along=dim)
         for dim in BRANCHES
     ]
     table = pd.concat([of.set_axis(["Hz", "lowest mu", "at °"], axis=1) for of in frames], ignore_index=True)
@@ -173,10 +174,9 @@ def draw(dataset: xr.Dataset) -> Figure:
     layout = [["growth", "growth"], ["frequency", "count"]]
     figure, panels = figures.mosaic(layout, 17.0, 17.5, height_ratios=(1.45, 1.0))
     growth, count, last = dataset["growth_rate"], dataset["unstable_modes"], len(COUNTS) - 1
-    for name in ("growth", "frequency"):
-        planes.cells(panels[name], 0.0 * growth.where(growth <= 0.0), "theta", "mu", cmap=ListedColormap([STABLE]))
+    grows, _ = (planes.stable(panels[name], growth, "theta", "mu") for name in ("growth", "frequency"))
     if bool((growth > 0.0).any()):
-        grows, kilohertz = growth.where(growth > 0.0), 1e-3 * dataset["frequency"].where(growth > 0.0)
+        kilohertz = 1e-3 * dataset["frequency"].where(growth > 0.0)
         largest, faintest = float(grows.max()), float(grows.min())
         norm = LogNorm(max(min(faintest, 0.5 * largest), FAINTEST * largest), largest)
         mesh = planes.cells(panels["growth"], grows, "theta", "mu", norm=norm)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore.transient.summary import LONG_SHARE
+from fivcore import LONG_SHARE
 from studies import paper
 
 # Kinds of sticks, by when they begin: before or after the motion has settled.

@@ -11,17 +11,17 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from fivcore import Scene, checks
-from studies import labels, paper, spec, summary
-from studies.claims import Claim
+from fivcore import Scene, checks, loading_time
+from studies import paper
+from studies.declaring import labels, spec
+from studies.declaring.parameters import RUN, Parameter
 from studies.gallery.stick_fit import SLOW, SPAN, with_laws
 from studies.motion import ensemble
 from studies.motion.jobs import outcomes
 from studies.motion.regimes import damping_text
 from studies.motion.run import SETTLING
-from studies.parameters import RUN, Parameter
 from studies.plotting import figures, planes
-from studies.study import Study
+from studies.study import Claim, Study
 from sweeps import Axis, Variable
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def of_sticks(scene: Scene, run: Any) -> dict[str, Any]:
         "sustained_total": long[~early].sum(),
         "observed_time": np.fmax(run["simulated_time"] - first - SETTLING, 0.0),
         "first_slip_time": first,
-        "loading_time": ensemble.loading_time(scene),
+        "loading_time": loading_time(scene),
     }
 
 
@@ -106,7 +106,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     texts = ("start-up, 1 to 2 mm/s", upto, f"sustained, up to {SLOW:.2f} of that", f"{upto}, within {span}")
     laws = [(text, with_ends(at.isel(law=k), "exponent")) for k, text in enumerate(texts)]
     yield "Exponents with 95 % intervals", pd.DataFrame(laws, columns=["sticks", "n"])
-    table = summary.frame(at, ["V"])
+    table = labels.frame(at, ["V"])
     for k, (kind, look) in enumerate(LOOKS.items()):
         rows = [at.isel(kind=k, V=place) for place in range(at.sizes["V"])]
         table[look["label"]] = at[f"{kind}_count"].sum("member").values.astype(int)

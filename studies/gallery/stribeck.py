@@ -11,13 +11,13 @@ import pandas as pd
 import xarray as xr
 
 from fivcore import Scene, Transient
-from studies import labels
+from studies.declaring import labels
+from studies.declaring.parameters import FRICTION
+from studies.declaring.spec import evenly, logarithmically
 from studies.motion import ensemble, mixed, regimes
 from studies.motion.jobs import Job, outcomes
-from studies.parameters import FRICTION
+from studies.motion.stability import largest_growth, sliding_of
 from studies.plotting import figures, general, planes
-from studies.spec import evenly, logarithmically
-from studies.stability import largest_growth, sliding_of
 from studies.study import Parameter, Study
 
 if TYPE_CHECKING:
@@ -36,8 +36,8 @@ OUTPUTS = {
      for name, variable in ensemble.outputs().items() if name in MOTION}  # fmt: skip
 # Of the kinetic ratios of which the growth rate is drawn.
 COLOURS = (figures.GREY, figures.BLUE, figures.ORANGE, figures.RED)
-# The mildest growth that a logarithmic scale shows, 1/s, and the look of where steady sliding is stable.
-FAINTEST, STABLE = 10.0, "#ececec"
+# The mildest growth that a logarithmic scale shows, 1/s.
+FAINTEST = 10.0
 
 
 def shares(scene: Scene) -> dict[str, float]:
@@ -105,27 +105,23 @@ def _range(dataset: xr.Dataset, chosen: xr.DataArray) -> str:
 
 def draw(dataset: xr.Dataset) -> Figure:
     """Growth rate and regime over speed and kinetic ratio, and both shares along the speed."""
-    from matplotlib.colors import ListedColormap, LogNorm
+    from matplotlib.colors import LogNorm
 
     growth, kinds = dataset["growth_rate"], dataset["status"].copy(data=regimes.kinds(dataset))
     if min(dataset.sizes["V"], dataset.sizes["kinetic_ratio"]) == 1 or not bool(growth.notnull().any()):
         return general.draw(dataset)
     figure, panels = figures.panels(3, 1, 16.0, 20.0, sharex=True, height_ratios=(1.0, 1.0, 1.3))
     top, middle, below = panels
-    planes.cells(top, 0.0 * growth.where(growth <= 0.0), "V", "kinetic_ratio", cmap=ListedColormap([STABLE]))
-    grows = growth.where(growth > 0.0)
+    grows = planes.stable(top, growth, "V", "kinetic_ratio")
     if bool(grows.notnull().any()):
         largest = max(float(grows.max()), 10.0 * FAINTEST)
         mesh = planes.cells(top, grows, "V", "kinetic_ratio", norm=LogNorm(FAINTEST, largest))
         figure.colorbar(mesh, ax=top, pad=0.02, label="growth rate / (1/s)")
-    handles: list[Any] = [top.fill_between([], [], color=STABLE, edgecolor="black", label="stable")]
-    ends = [planes.edges(labels.readable(dataset[name]).values) for name in ("V", "kinetic_ratio")]
-    inside = mostly_falling(dataset).transpose("kinetic_ratio", "V")
+    handles: list[Any] = [top.fill_between([], [], color=planes.STABLE, edgecolor="black", label="stable")]
+    inside = mostly_falling(dataset)
     for axes in (top, middle) if 0.0 < float(inside.mean()) < 1.0 else ():
-        # Twice the values at both ends of each cell: the contour follows the sides of the cells.
-        sides = [np.repeat(end, 2)[1:-1] for end in ends]
-        axes.contour(*sides, np.kron(inside, np.ones((2, 2))), levels=[0.5], colors="white", linewidths=3.0)
-        axes.contour(*sides, np.kron(inside, np.ones((2, 2))), levels=[0.5], colors="black", linewidths=1.5)
+        planes.outline(axes, inside, "V", "kinetic_ratio", colors="white", linewidths=3.0)
+        planes.outline(axes, inside, "V", "kinetic_ratio", colors="black", linewidths=1.5)
     planes.regimes(middle, kinds, "V", "kinetic_ratio")
     handles += below.plot([], [], color="black", linewidth=1.5, label="below: the fall has over half")
     handles += planes.patches(kinds)

@@ -10,9 +10,10 @@ import numpy as np
 import xarray as xr
 
 from fivcore import Rig, checks, glued_frequencies, tune_head_mass
-from studies import paper, summary
-from studies.labels import number
-from studies.parameters import RIG, SCENE, Parameter
+from studies import paper
+from studies.declaring import labels
+from studies.declaring.labels import number
+from studies.declaring.parameters import RIG, SCENE, Parameter
 from studies.plotting import figures
 from studies.study import Study
 
@@ -64,7 +65,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     rig = tuned(float(dataset["contact_position"]), theta, float(dataset["first_frequency"]))
     more = f"{glued_frequencies(rig, theta, LISTED + 1)[-1]:.0f} Hz"
     yield f"Tuned head mass: {rig.head_mass:.4f} kg. The paper lacks the model's mode {LISTED + 1}, {more}."
-    table = summary.frame(dataset, ["mode", *(list(OUTPUTS)[k] for k in (2, 3, 0, 1))])
+    table = labels.frame(dataset, ["mode", *(list(OUTPUTS)[k] for k in (2, 3, 0, 1))])
     yield "Frequencies / Hz", table.set_axis(["mode", "paper, computed", *columns], axis=1)
 
 

@@ -12,16 +12,17 @@ import pandas as pd
 import xarray as xr
 
 from fivcore import Scene, Transient, checks, sliding_modes
-from studies import labels, paper, spec, stability, summary
-from studies.claims import Claim, is_papers_point
-from studies.motion import ensemble, regimes
+from studies import paper
+from studies.answering.claims import is_papers_point
+from studies.answering.results import rig_of
+from studies.declaring import labels, spec
+from studies.declaring.parameters import Parameter
+from studies.motion import ensemble, regimes, stability
 from studies.motion.jobs import Job, outcomes
 from studies.motion.run import BAND, SUMMARY
 from studies.motion.series import runs_of_true
-from studies.parameters import Parameter
 from studies.plotting import figures, planes
-from studies.results import rig_of
-from studies.study import Study
+from studies.study import Claim, Study
 from sweeps import Axis, Variable
 
 if TYPE_CHECKING:
@@ -139,7 +140,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     papers = np.flatnonzero(np.isin(theta, [*paper.ANGLES_MEASURED, *paper.ANGLES])).tolist()
     rows = sorted({*planes.subset(len(theta), MOST_ROWS), *papers})
     names = ("theta", "mode_growth_rate", "dominant_frequency", *AVERAGED[:2], AVERAGED[3], "regime_share")
-    table = summary.frame(dataset.isel(theta=rows), names, along="theta")
+    table = labels.frame(dataset.isel(theta=rows), names, along="theta")
     table.columns = ["θ °", "growth 1/s", "dominant Hz", "RMS mm/s", "stick", "separation", "of realisations"]
     pairs = [
         ", ".join(f"{f:.0f}" for f in row[np.isfinite(row)]) or "-" for row in dataset["frequency"].values[rows]

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore import growing_frequencies
-from fivcore.errors import SceneError
+from fivcore import SceneError, growing_frequencies
+from studies.declaring.parameters import FRICTION, RIG, RUN, SCENE
 from studies.motion.run import BAND
 from studies.motion.scenes import normalised, rig_of, scene_of
-from studies.parameters import FRICTION, RIG, RUN, SCENE
 from sweeps import DONE
 
 NAME = "growing_above_band"

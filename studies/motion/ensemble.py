@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaincc
 
-from fivcore import Scene, Transient, Until, checks
-from fivcore.transient import normalised
+from fivcore import Scene, Transient, Until, checks, loading_time
+from studies.declaring.parameters import RUN, Parameter
 from studies.motion import mixed
 from studies.motion import run as runs
 from studies.motion.jobs import Job
-from studies.parameters import RUN, Parameter
 from sweeps import Axis, Variable
 
 # A point's value is the largest of its realisations; of a frequency the middle one, for the mean of two spectral
@@ -79,11 +78,6 @@ def check(V: Any, F: Any, ramp: Any, max_duration: Any, min_duration: Any, **oth
     Until(np.min(others.get("standard_error", 1.0)), np.max(min_duration), np.min(max_duration))
     run = {name: others[name] for name in ("cutoff", "skip_long_sticks", "numerical_damping")}
     runs.check(V, F, ramp, **run)
-
-
-def loading_time(scene: Scene) -> float:
-    """Static stick time t0 = mu F / (k_t V), s: the drive loads a stuck contact from rest until it slips."""
-    return normalised.loading_time(normalised.Normalised.of(scene))
 
 
 def duration(scene: Scene, ramp: float, options: Mapping[str, Any]) -> float | Until:

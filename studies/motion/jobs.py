@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fivcore import Scene, Transient, Until, simulate_many
-from fivcore.errors import SceneError
-from fivcore.transient.driver import located
+from fivcore import Scene, SceneError, Transient, Until, located, simulate_many
 
 # Largest `energy_residual` of a run that counts. "fast": what landing within a step leaves; 0.042 was the largest
 # of 1440 runs on the paper's rig and on rigs drawn at random. "exact": rounding, below 1e-9. "paper": its own

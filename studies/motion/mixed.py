@@ -13,9 +13,8 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
-from fivcore.transient.observe import FEWEST
-from fivcore.transient.summary import STEADY_SHARE, STEADY_SPREAD
-from studies import labels
+from fivcore import STEADY_SHARE, STEADY_SPREAD, observe
+from studies.declaring import labels
 from studies.motion.regimes import STEADY, is_of
 from sweeps import DONE
 
@@ -71,7 +70,7 @@ def chance(x: NDArray[Any], error: NDArray[Any]) -> float:
     distribution where all follow one motion, with n - 1 and at least n FEWEST degrees of freedom.
     """
     n = len(x)
-    return float(fdtrc(n - 1.0, FEWEST * n, x.var(ddof=1) / np.mean(error**2))) if n > 1 else 1.0
+    return float(fdtrc(n - 1.0, observe.FEWEST * n, x.var(ddof=1) / np.mean(error**2))) if n > 1 else 1.0
 
 
 def cut(part: NDArray[np.intp], x: NDArray[Any], error: NDArray[Any]) -> list[NDArray[np.intp]]:

@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from studies import labels
+from studies.declaring import labels
+from studies.declaring.parameters import RIG
 from studies.motion.run import REGIMES
-from studies.parameters import RIG
 from sweeps import DONE, FAILED
 
 # What a point of a result can be: in a regime, or without one.

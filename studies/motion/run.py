@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from fivcore import Options, Scene, Transient, Until
-from fivcore.transient.simulate import request
-from fivcore.transient.statistics import SETTLING as SETTLING_TIME
+from fivcore import SETTLING as SETTLING_TIME
+from fivcore import Options, Scene, Transient, Until, checked_run
 from studies.motion.jobs import Job
 from sweeps import Variable
 
@@ -82,7 +81,7 @@ SCALED = (
 def options(
     *, ramp: float, cutoff: float | None, skip_long_sticks: int, numerical_damping: str, **others: Any
 ) -> dict[str, Any]:
-    """Arguments of `fivcore.simulate` from the parameters of a run (`studies.parameters.RUN`)."""
+    """Arguments of `fivcore.simulate` from the parameters of a run (`studies.declaring.parameters.RUN`)."""
     run = {"method": METHOD, "ramp": ramp, "cutoff": cutoff, "settle": others.get("settle")}
     return run | {"skip_sticks": bool(skip_long_sticks), "numerical_damping": numerical_damping}
 
@@ -128,4 +127,4 @@ def check(
     ends = ((speeds.min(), loads.max()), (speeds.max(), loads.min()))
     for speed, load in ends:
         scene = Scene(float(speed), 0.0, 0.0, float(load))
-        request(scene, 1e-6, Options(**options(**run)))
+        checked_run(scene, 1e-6, Options(**options(**run)))

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Friction, Rig, Scene, Structure
-from fivcore.transient.normalised import Normalised
-from studies.parameters import FRICTION, RIG, SCENE
+from fivcore import Friction, Rig, Scene, Structure, speed_per_load
+from studies.declaring.parameters import FRICTION, RIG, SCENE
 from sweeps import InputError
 
 
@@ -79,7 +78,7 @@ def _per_load(speed: NDArray[Any], load: NDArray[Any]) -> NDArray[Any]:
     """Speeds per load, m/s/N, rounded as the solver rounds them."""
     # Each pair once, for a grid has far fewer pairs than points.
     pairs, place = np.unique(speed + 1j * load, return_inverse=True)
-    values = [Normalised.of(Scene(pair.real, 0.0, 0.0, pair.imag)).speed_per_load for pair in pairs.tolist()]
+    values = [speed_per_load(pair.real, pair.imag) for pair in pairs.tolist()]
     return np.asarray(values)[place]
 
 

@@ -14,9 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fivcore import Scene, Transient, checks
-from fivcore.transient.normalised import Normalised, loading_time
-from fivcore.transient.options import LONG_STICK
+from fivcore import LONG_STICK, Scene, Transient, checks, loading_time
 from studies.motion import run as runs
 from studies.motion.jobs import Job, outcomes
 from sweeps import Axis, Variable
@@ -128,7 +126,7 @@ def velocity(run: Transient, times: Array, sample_rate: float) -> Array:
 def long_sticks(run: Transient, times: Array) -> NDArray[np.bool_]:
     """Which of `times` lie within a long stick begun after the first slip; an unfinished one counts."""
     inside = np.zeros(len(times), dtype=bool)
-    first, least = run.summary["first_slip_time"], LONG_STICK * loading_time(Normalised.of(run.scene))
+    first, least = run.summary["first_slip_time"], LONG_STICK * loading_time(run.scene)
     for begin, end in runs_of_true(run.state == runs.STATES.index("stick")):
         start, stop = run.time[begin], run.time[end - 1]
         if start > first and stop - start >= least:
@@ -161,6 +159,11 @@ def spectrum(series: Array, chosen: NDArray[np.bool_], sample_rate: float) -> Ar
         weight += len(windows) * float(np.sum(hann**2))
     count = len(frequencies(sample_rate))
     return 2.0 * total[:count] / (weight * sample_rate) if weight else np.full(count, np.nan)
+
+
+def decibels(power: Any) -> Array:
+    """A power spectral density in decibels, with a floor far below any motion."""
+    return np.asarray(10.0 * np.log10(np.maximum(np.asarray(power, dtype=float), 1e-30)))
 
 
 def runs_of_true(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -8,15 +8,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Scene, State, checks, sliding_modes
-from fivcore.errors import InputError, SceneError
-from fivcore.rig import one_contact
-from fivcore.stability.exponents import sliding_shape
-from fivcore.stability.falling import wedging
-from fivcore.structure import Structure, modal_structure
+from fivcore import (
+    InputError,
+    Scene,
+    SceneError,
+    State,
+    Structure,
+    checks,
+    modal_structure,
+    one_contact,
+    sliding_modes,
+    sliding_shape,
+)
+from studies.declaring.parameters import RUN, Parameter
 from studies.motion import run as runs
 from studies.motion.jobs import balanced, run_all
-from studies.parameters import RUN, Parameter
 
 Array = NDArray[np.float64]
 
@@ -37,22 +43,6 @@ SETTINGS = {
     "step": Parameter(None, "s", "time step; auto: the method's default", common=True),
     **{name: RUN[name] for name in ("cutoff", "numerical_damping")},
 }
-
-
-def equilibrium(scene: Scene, about: str = "sliding") -> Array:
-    """Modal displacements of steady sliding (T = mu(V) N), or of rest under the load (T = 0), with V > 0."""
-    one_contact(scene.rig, "starts are those of one contact")
-    own = modal_structure(scene.rig, scene.theta).motion
-    mu = scene.mu * scene.friction.ratio(scene.V) if about == "sliding" else 0.0
-    held, rigid = 1.0 + wedging(own) * mu, own.stiffness == 0.0
-    if not held > 0.0:
-        raise InputError(f"mu = {scene.mu:g}: the contact jams, so that there is no steady sliding")
-    normal_force = scene.F * own.preload / held
-    force = scene.F * own.load + normal_force * (own.normal + mu * own.tangential)
-    q = np.where(rigid, 0.0, force) / np.where(rigid, 1.0, own.stiffness)
-    # A rigid motion closes the contact.
-    q[rigid] = -(own.normal @ q) / own.normal[rigid]
-    return np.asarray(q)
 
 
 def directions(scene: Scene, names: Sequence[str], mode: int = 0, second_mode: int = 0) -> Array:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from studies import labels
+from studies.declaring import labels
 from studies.motion.run import STATES
 from studies.plotting import figures
 from sweeps import DONE

@@ -179,11 +179,6 @@ def letter(panels: Iterable[Axes], titles: Iterable[str]) -> None:
         axes.set_title(f"({chr(ord('a') + k)}) {title}".rstrip(), loc="left", fontsize=9.0)
 
 
-def decibels(power: Any) -> Array:
-    """A power spectral density in decibels, with a floor far below any motion."""
-    return np.asarray(10.0 * np.log10(np.maximum(np.asarray(power, dtype=float), 1e-30)))
-
-
 def legend_below(figure: Figure, panels: Sequence[Axes], columns: int = 4) -> None:
     """One legend under the whole figure, each label once."""
     entries: dict[str, Any] = {}

@@ -2,88 +2,195 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
 import xarray as xr
 
-from studies import labels
+from studies import paper
+from studies.answering.results import PATHS, configuration, settings, structure_in
+from studies.answering.summary import fixed_parts, quantities
+from studies.declaring import labels
+from studies.declaring.parameters import RIG, SCENE
+from studies.motion import series
 from studies.motion.regimes import kinds
+from studies.motion.run import REGIMES
 from studies.plotting import figures, planes
-from studies.results import PATHS
-from studies.summary import quantities
-from sweeps import DONE
+from sweeps import DONE, FAILED
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from studies.study import Study
+
+# Points of the paper: its tests, and where it finds modes to become unstable.
+POINT = {name: parameter.default for name, parameter in (SCENE | RIG).items()}
+PAPER = [("*", "tests, paper", POINT | {"V": V}) for V in paper.SPEEDS]
+PAPER += [("D", "first unstable μ, paper", POINT | {"mu": mu}) for mu, _ in paper.ONSETS]
 
 # Panels of a figure: quantities down, values of a further parameter or parameters that are drawn across.
 MOST_DOWN, MOST_ACROSS = 4, 3
 # Rows of recorded series; the share of a run before its spectrum begins, and the segments of that.
 MOST_SERIES, BEGIN, SEGMENTS = 6, 0.3, 8
+# Regimes and failed points of a map by index in `regimes.KINDS`; no parameter can be called so.
+KIND = "kind of motion"
 SERIES = ("velocity_B", "normal_force", "tangential_force", "slip_velocity")
 
 
-def draw(dataset: xr.Dataset) -> Figure:
-    """The first quantities with one number a point, over the parameters that vary."""
+def draw(dataset: xr.Dataset, study: Study | None = None) -> Figure:
+    """The quantities of a map, or the first ones of another result, over the parameters that vary."""
     dims = [str(dim) for dim in dataset["status"].dims]
-    done = dataset.where(dataset["status"] == DONE)
-    names = [name for name in quantities(dataset) if np.isfinite(dataset[name]).any()][:MOST_DOWN]
+    if is_map := _is_map(dataset):
+        names, x, y = arranged(dataset)
+        others, done = [y] if y else [], dataset
+        if "regime" in dataset:
+            other = planes.FAILED + (dataset["status"] != FAILED)
+            done = dataset.assign({KIND: dataset["regime"].fillna(other).astype(int)})
+    else:
+        done = dataset.where(dataset["status"] == DONE)
+        names = [name for name in quantities(dataset) if np.isfinite(dataset[name]).any()][:MOST_DOWN]
+        varying = [dim for dim in dims if dataset.sizes[dim] > 1] or dims[:1]
+        x, *others = sorted(varying, key=lambda dim: -dataset.sizes[dim])
+        done = done.isel({dim: 0 for dim in dims if dim not in varying and dims[0] not in PATHS})
     title = str(dataset.attrs.get("title", ""))
+    if is_map and study is not None:
+        title = f"{study.title}\n{', '.join(fixed_parts(study, dataset, figure=True))}".strip()
+    thresholds = {} if study is None else study.thresholds
     if not names or not bool((dataset["status"] == DONE).any()):
-        figure, (axes,) = figures.panels(1, 1, 12.0, 5.0)
-        axes.axis("off")
-        why = "no point has a number to draw" if quantities(dataset) else "no output has one number a point"
-        axes.text(0.5, 0.5, why, ha="center", va="center")
-        figure.suptitle(figures.fitted(title, 12.0))
-        return figure
+        return _draw_nothing(dataset, title)
     if dims[0] in PATHS:
         return _draw_scatter(done, names, title)
-    varying = (
-        sorted((dim for dim in dims if dataset.sizes[dim] > 1), key=lambda dim: -dataset.sizes[dim]) or dims[:1]
-    )
-    x, *others = varying
-    if len(others) > 1 or (others and dataset.sizes[others[0]] > 2 * MOST_ACROSS):
-        return _draw_planes(done, names, x, others, title)
-    figure, panels = figures.panels(len(names), 1, 14.0, 3.0 + 4.0 * len(names), sharex=True)
-    done = done.isel({dim: 0 for dim in dims if dim not in varying})
+    if len(others) > 1 or (others and (is_map or dataset.sizes[others[0]] > 2 * MOST_ACROSS)):
+        return _draw_planes(done, names, x, others, title, thresholds)
+    width, height = (16.0, 4.0 + 5.0 * len(names)) if is_map else (14.0, 3.0 + 4.0 * len(names))
+    figure, panels = figures.panels(len(names), 1, width, height, sharex=True)
     for axes, name in zip(panels, names, strict=True):
-        curves = labels.readable(done[name].transpose(x, *others))
-        values = labels.readable(done[x]).values
-        spread = labels.readable(done[f"{name}_se"]) if f"{name}_se" in done else None
-        for k in range(done.sizes[others[0]] if others else 1):
-            at = {others[0]: k} if others else {}
-            error = None if spread is None else np.nan_to_num(spread.transpose(x, *others).isel(at).values)
-            text = labels.named(others[0], done[others[0]][k]) if others else None
-            axes.errorbar(values, curves.isel(at).values, error, marker="o", markersize=3.0, label=text)
-            planes.draw_mixed(axes, done.isel(at), x, name)
-        axes.set_ylabel(figures.fitted(labels.label(dataset[name], long=True), 6.0))
+        _draw_curves(axes, done, name, x, others, thresholds)
+        if is_map:
+            _mark_paper(axes, dataset, [x])
     planes.set_side(panels[-1], "x", dataset[x])
     figures.legend_below(figure, panels, 3)
-    figure.suptitle(figures.fitted(title, 14.0))
+    figure.suptitle(figures.fitted(title, width))
     return figure
 
 
-def _draw_planes(done: xr.Dataset, names: Sequence[str], x: str, others: Sequence[str], title: str) -> Figure:
+def _is_map(dataset: xr.Dataset) -> bool:
+    return "quantities" in configuration(dataset).get("request", {}) and dataset["status"].dims[0] not in PATHS
+
+
+def arranged(dataset: xr.Dataset) -> tuple[list[str], str, str | None]:
+    """The requested quantities of a map, the parameter across, and that upwards."""
+    request, dims = configuration(dataset).get("request", {}), [str(dim) for dim in dataset["status"].dims]
+    x = request["x"] if request.get("x") in dims else dims[0]
+    names = [name for name in request.get("quantities", ()) if name in dataset]
+    return names or list(map(str, dataset.data_vars))[:1], x, next((dim for dim in dims if dim != x), None)
+
+
+def _draw_nothing(dataset: xr.Dataset, title: str) -> Figure:
+    figure, (axes,) = figures.panels(1, 1, 12.0, 5.0)
+    axes.axis("off")
+    why = "no point has a number to draw" if quantities(dataset) else "no output has one number a point"
+    axes.text(0.5, 0.5, why, ha="center", va="center")
+    figure.suptitle(figures.fitted(title, 12.0))
+    return figure
+
+
+def _draw_curves(
+    axes: Axes, done: xr.Dataset, name: str, x: str, others: Sequence[str], thresholds: Mapping[str, float]
+) -> None:
+    """A quantity along one parameter with its standard errors, a curve for each value of another."""
+    values, curves = labels.readable(done[x]).values, labels.readable(done[name].transpose(x, *others))
+    spread = labels.readable(done[f"{name}_se"]) if f"{name}_se" in done else None
+    for k in range(done.sizes[others[0]] if others else 1):
+        at = {others[0]: k} if others else {}
+        error = None if spread is None else np.nan_to_num(spread.transpose(x, *others).isel(at).values)
+        if KIND in done:
+            planes.along(axes, values, curves.isel(at).values, done[KIND].values, error)
+        else:
+            text = labels.named(others[0], done[others[0]][k]) if others else None
+            line = "" if name == "onset_frequency" else "-"  # that of another pair wherever it jumps
+            look: dict[str, Any] = {"marker": "o", "markersize": 3.0, "linestyle": line, "label": text}
+            look |= {} if others else {"color": figures.BLUE}
+            axes.errorbar(values, curves.isel(at).values, error, **look)
+        planes.draw_mixed(axes, done.isel(at), x, name)
+    if name == "regime":
+        axes.set_yticks(range(len(REGIMES)), REGIMES)
+    elif name in thresholds:
+        axes.axhline(thresholds[name], color=figures.GREY, linewidth=0.8)
+    axes.set_ylabel(figures.fitted(labels.label(done[name], long=True), 6.0))
+
+
+def _draw_planes(
+    done: xr.Dataset,
+    names: Sequence[str],
+    x: str,
+    others: Sequence[str],
+    title: str,
+    limits: Mapping[str, float],
+) -> Figure:
     """Planes of the two longest parameters, a row for each quantity, a column for values of a third."""
     y, *rest = others
     across = planes.subset(done.sizes[rest[0]], MOST_ACROSS) if rest else [0]
     size = max(13.0, 1.5 + 7.0 * len(across)), 2.5 + 6.0 * len(names)
+    size = (16.0, 4.0 + 7.5 * len(names)) if _is_map(done) else size
     figure, panels = figures.panels(len(names), len(across), *size)
     for k, axes in enumerate(panels):
         name, column = names[k // len(across)], across[k % len(across)]
         at = {dim: 0 for dim in done["status"].dims if dim not in (x, y)} | ({rest[0]: column} if rest else {})
-        array = done[name].isel(at)
-        mesh = planes.cells(axes, labels.readable(array), x, y)
-        planes.mark_mixed(axes, done.isel(at), x, y)
-        bar = figure.colorbar(mesh, ax=axes)
-        bar.set_label(figures.fitted(labels.label(done[name], long=True), 6.0))
+        _draw_plane(axes, done.isel(at), name, x, y, limits.get(name))
         if rest:
             axes.set_title(labels.named(rest[0], done[rest[0]][column]), loc="left", fontsize=9.0)
+    figures.legend_below(figure, panels, 3)
     figure.suptitle(figures.fitted(title, size[0]))
     return figure
+
+
+def _draw_plane(axes: Axes, at: xr.Dataset, name: str, x: str, y: str, threshold: float | None) -> None:
+    """A quantity over two parameters, its threshold between the cells, failed points, and the paper's."""
+    if name == "regime":
+        for each in planes.regimes(axes, at[KIND], x, y):
+            colour, hatch = each.get_facecolor(), each.get_hatch()
+            axes.fill_between([], [], facecolor=colour, edgecolor="black", hatch=hatch, label=each.get_label())
+    else:
+        _draw_numbers(axes, at, name, x, y)
+    if threshold is not None:
+        above = (at[name] > threshold).where(at[name].notnull())
+        if 0.0 < float(above.mean()) < 1.0:
+            planes.outline(axes, above, x, y, colors="black", linewidths=1.2)
+            axes.plot([], [], color="black", label=f"{labels.title(name)} {threshold:g}")
+    planes.mark_mixed(axes, at, x, y)
+    if _is_map(at):
+        _mark_paper(axes, at, [x, y])
+
+
+def _draw_numbers(axes: Axes, at: xr.Dataset, name: str, x: str, y: str) -> None:
+    """A number over two parameters with its colour bar; where steady sliding is stable its growth rate is grey."""
+    values = labels.readable(at[name].transpose(y, x)).astype(float)
+    if name == "growth_rate":
+        values = planes.stable(axes, values, x, y)
+        axes.fill_between([], [], color=planes.STABLE, label="stable")
+    log = {"norm": "log"} if at[name].attrs.get("units") == "N s" and values.min() > 0.0 else {}
+    bar = axes.figure.colorbar(planes.cells(axes, values, x, y, **log), ax=axes)
+    bar.set_label(figures.fitted(labels.label(at[name], long=True), 6.0))
+    axes.set_title("" if values.notnull().any() else "no value", fontsize=9.0)
+    planes.hatch_failed(axes, at["status"] == FAILED, x, y)
+
+
+def _mark_paper(axes: Axes, dataset: xr.Dataset, dims: Sequence[str]) -> None:
+    """Mark the points of the paper's rig and tests in a plane, or their values along one parameter."""
+    fixed = settings(dataset)
+    for marker, label, point in PAPER:
+        beams = set(dims) <= set(point) and not structure_in(dataset)
+        papers = beams and all(fixed.get(name, value) == value for name, value in point.items())
+        if papers and (marker == "*" or ("mu" in dims and "regime" not in dataset)):
+            place = tuple(labels.unit_of(dataset[dim])[1] * point[dim] for dim in dims)
+            if len(dims) == 2:
+                planes.marks(axes, [place], marker=marker, color="black", mfc="white", markersize=8.0, label=label)
+            elif dataset[dims[0]].min() <= point[dims[0]] <= dataset[dims[0]].max():
+                axes.axvline(*place, color=figures.ORANGE, linestyle=":" if marker == "*" else "--", label=label)
 
 
 def _draw_scatter(done: xr.Dataset, names: Sequence[str], title: str) -> Figure:
@@ -127,7 +234,7 @@ def draw_series(dataset: xr.Dataset, names: Sequence[str]) -> Figure:
         later = values[int(BEGIN * len(values)) :]
         if np.isfinite(later).all() and len(later) >= 2 * SEGMENTS:
             frequency, power = scipy.signal.welch(later, rate, nperseg=2 * len(later) // SEGMENTS)
-            right.plot(1e-3 * frequency, figures.decibels(power), color=figures.BLUE, linewidth=0.8)
+            right.plot(1e-3 * frequency, series.decibels(power), color=figures.BLUE, linewidth=0.8)
             right.set_xlim(0.0, min(10.0, 0.5e-3 * rate))
         right.set_ylabel(f"dB re ({labels.unit_of(dataset[name])[0]})²/Hz")
     panels[-2].set_xlabel("time / s")

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from studies import labels
+from studies.declaring import labels
 from studies.motion.mixed import several
 from studies.motion.regimes import KINDS
 from studies.plotting import figures
@@ -29,6 +29,8 @@ STATE_COLOURS = {"stick": "#4d4d4d", "slip": "#a6dcf7", "separation": figures.OR
 # Markers of the regimes along an axis.
 MARKERS = "svo^Dp"
 FAILED = KINDS.index("failed")
+# Of stable points, which no shade is like.
+STABLE = "#ececec"
 # Points whose realisations follow different motions.
 MIXED: dict[str, Any] = {"marker": "D", "markersize": 6.0, "color": "white", "markeredgecolor": "black"}
 MIXED |= {"linestyle": "none", "label": "realisations follow\ndifferent motions"}
@@ -83,15 +85,38 @@ def cells(axes: Axes, array: xr.DataArray, x: str, y: str, **options: Any) -> An
     return axes.pcolormesh(*ends, np.ma.masked_invalid(array.transpose(y, x).values.astype(float)), **look)
 
 
+def stable(axes: Axes, growth: xr.DataArray, x: str, y: str) -> xr.DataArray:
+    """Grey the points that do not grow; return the growth rates of the others."""
+    from matplotlib.colors import ListedColormap
+
+    cells(axes, 0.0 * growth.where(growth <= 0.0), x, y, cmap=ListedColormap([STABLE]))
+    return growth.where(growth > 0.0)
+
+
+def outline(axes: Axes, inside: xr.DataArray, x: str, y: str, **look: Any) -> None:
+    """Draw the sides of the cells between the points inside and the others."""
+    ends = (edges(labels.readable(inside[name]).values.astype(float)) for name in (x, y))
+    # Twice the values at both ends of each cell: the contour follows the sides of the cells.
+    sides, twice = [np.repeat(each, 2)[1:-1] for each in ends], np.ones((2, 2))
+    axes.contour(*sides, np.kron(inside.transpose(y, x), twice), levels=[0.5], **look)
+
+
 def regimes(axes: Axes, codes: xr.DataArray, x: str, y: str) -> list[Patch]:
     """Regimes over two parameters, by index in KINDS, failed points hatched; the handles of their legend."""
     from matplotlib.colors import ListedColormap
 
     cells(axes, codes, x, y, cmap=ListedColormap(COLOURS), vmin=-0.5, vmax=len(KINDS) - 0.5)
-    ends = (edges(labels.readable(codes[name]).values.astype(float)) for name in (x, y))
-    failed = np.ma.masked_not_equal(codes.transpose(y, x).values, FAILED)
-    axes.pcolor(*ends, failed, hatch="xxxx", facecolor="none", edgecolor=figures.GREY, linewidth=0.0)
+    hatch_failed(axes, codes == FAILED, x, y, linewidth=0.0, label=None)
     return patches(codes)
+
+
+def hatch_failed(axes: Axes, failed: xr.DataArray, x: str, y: str, **look: Any) -> None:
+    """Hatch the cells of failed points."""
+    ends = (edges(labels.readable(failed[name]).values.astype(float)) for name in (x, y))
+    cells = np.ma.masked_equal(failed.transpose(y, x).values.astype(float), 0.0)
+    if cells.count():
+        look = {"facecolor": "none", "edgecolor": figures.GREY, "label": "failed"} | look
+        axes.pcolor(*ends, cells, hatch="xxxx", **look)
 
 
 def over_others(data: Any, x: str, y: str, others: Sequence[str], title: str, draw: Callable[..., Any]) -> Figure:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from studies.motion.stability import largest_growth
 from studies.plotting import figures
 from studies.plotting.modes import mark_divergence, mark_recoveries
-from studies.stability import largest_growth
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,11 +10,12 @@ import pandas as pd
 import xarray as xr
 
 from fivcore import Rig, Scene
-from studies import runner, summary
+from studies import runner
+from studies.answering import summary
+from studies.declaring.parameters import FRICTION, RIG, SCENE
+from studies.declaring.spec import nearest
 from studies.motion.scenes import scene_of
-from studies.parameters import FRICTION, RIG, SCENE
 from studies.query.query import select
-from studies.spec import nearest
 from sweeps import InputError
 
 

@@ -2,7 +2,7 @@
 
 A node outside of the allow-list is refused, and nothing is executed (`DataFrame.query` would). A missing
 value makes comparisons false, != too; ``x == nan`` finds it, ``x != nan`` all others. Words may have spaces or
-underscores. Equality of an axis and a number finds the axis's nearest value (`studies.spec`).
+underscores. Equality of an axis and a number finds the axis's nearest value (`studies.declaring.spec`).
 """
 
 import ast
@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from studies.parameters import suggest
-from studies.spec import nearest
-from studies.units import convert
+from studies.declaring.parameters import suggest
+from studies.declaring.spec import nearest
+from studies.declaring.units import convert
 from sweeps import InputError
 
 BRIEF = 60

@@ -14,8 +14,10 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 import sweeps
-from studies import labels, registry, results, runner, summary
-from studies.parameters import KNOWN
+from studies import registry, runner
+from studies.answering import results, summary
+from studies.declaring import labels
+from studies.declaring.parameters import KNOWN
 from studies.report.section import Result, Tell, content, date, packed, reason
 from sweeps import InputError, MissingFileError
 

@@ -22,10 +22,12 @@ import xarray as xr
 from markupsafe import Markup
 
 import sweeps
-from studies import labels, registry, results, runner, summary
+from studies import registry, runner
+from studies.answering import results, summary
+from studies.answering.results import settings
+from studies.declaring import labels
 from studies.motion.regimes import KINDS
 from studies.plotting import figures, planes
-from studies.results import settings
 from studies.study import Study
 
 # A result with more rows, or more values, is thinned on the page.
@@ -174,7 +176,7 @@ def content(result: Result, tell: Tell) -> dict[str, Any]:
     def summarise() -> None:
         for part in summary.parts(study, dataset):
             made["parts"].append(part if isinstance(part, str) else (part[0], Markup(summary.html(part[1]))))
-        shown = study.presented(dataset) if study.summary is not None else None
+        shown = summary.presented(study, dataset) if study.summary is not None else None
         if study.summary is not None and shown is not None:
             made["finding"] = next((part for part in study.summary(shown) if isinstance(part, str)), "")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Any, NoReturn
 
-from studies import results
+from studies.answering import results
 from studies.report import page
 from studies.report.section import Tell
 

@@ -11,11 +11,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from fivcore import Rig, Scene
-from fivcore.beams.modes import propagator
-from fivcore.contact.reduced import ReducedModel, default_cutoff, full_model
-from fivcore.transient.statistics import SEPARATION as OPEN
-from fivcore.transient.statistics import SLIP, STICK
+from fivcore import SEPARATION as OPEN
+from fivcore import SLIP, STICK, ReducedModel, Rig, Scene, default_cutoff, full_model, propagator
 from studies import paper
 
 # How far a tip rings whose path touches P2, m; half the duration of a blow, s.

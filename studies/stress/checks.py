@@ -10,13 +10,28 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fivcore import ContactError, DivergenceError, Rig, Scene, Transient, painleve_mu, simulate_many
-from fivcore.contact.reduced import ReducedModel, full_model, reduced_model
-from fivcore.contact.step_map import largest_stable_step, stable
-from fivcore.transient import exact, published
-from fivcore.transient.exact import states_at
-from fivcore.transient.normalised import Normalised, State, slip_distance
-from fivcore.transient.statistics import SEPARATION, SLIP, STICK
+from fivcore import (
+    SEPARATION,
+    SLIP,
+    STICK,
+    ContactError,
+    DivergenceError,
+    Normalised,
+    ReducedModel,
+    Rig,
+    Scene,
+    State,
+    Transient,
+    exact,
+    full_model,
+    is_stable_step,
+    largest_stable_step,
+    painleve_mu,
+    published,
+    reduced_model,
+    simulate_many,
+    slip_distance,
+)
 from studies.motion.run import SCALED
 from studies.stress.cases import CONTACT, DIVERGENCE, DURATION, POINT, VALUE, Case
 
@@ -166,7 +181,7 @@ def _largest_step(spec: RunSpec) -> float:
     if spec.method == "paper":
         return published.largest_step(model.stiffness, model.damping, published.BETA2)
     limit = model.largest_step
-    return limit if stable(model, mu, limit) else largest_stable_step(model, mu, limit)
+    return limit if is_stable_step(model, mu, limit) else largest_stable_step(model, mu, limit)
 
 
 # How far each method can be driven: computed from its own functions, or read from its refusal.
@@ -277,7 +292,7 @@ def _gap(spec: RunSpec, run: Transient) -> float:
     options = {"cutoff": None, **spec.chosen("cutoff", "ramp")}
     options["step"] = spec.step
     options["initial"] = first and State(first[0] / load, first[1] / load, first[2])
-    q, v, u = np.split(states_at(Normalised.of(spec.scene), run.time[at], **options), [n, 2 * n], axis=1)
+    q, v, u = np.split(exact.states_at(Normalised.of(spec.scene), run.time[at], **options), [n, 2 * n], axis=1)
     opening = (q + model.static_equilibrium) @ model.normal
     rate, gap = v @ model.normal, q @ model.normal + u[:, 0]
     T, N, sense = run.tangential_force / load, run.normal_force / load, float(np.sign(spec.arguments["V"]))

@@ -10,7 +10,7 @@ import pandas as pd
 import xarray as xr
 
 from fivcore import ContactError, DivergenceError
-from studies.parameters import Parameter
+from studies.declaring.parameters import Parameter
 from studies.plotting import figures
 from studies.stress.cases import CASES, EXPECTED, METHODS, PASSES, TOO_EXPENSIVE, Case
 from studies.stress.checks import CHECKS, collect, evaluate, not_stated, spec_of

@@ -9,7 +9,8 @@ from __future__ import annotations
 import tempfile
 
 import studies
-from studies import claims, registry
+from studies import registry
+from studies.answering import claims
 from tests import HOME
 from tests.benchmarks.tables import Column, Table
 

@@ -8,7 +8,7 @@ import tempfile
 import numpy as np
 
 from fivcore import Rig, sliding_modes
-from studies.gallery import maps
+from studies import runner
 from sweeps import DONE
 from tests.benchmarks.tables import Column, Table
 from tests.helpers.boundaries import distances
@@ -24,7 +24,7 @@ def mapped(quantity, folder, levels):
     x, y = PLANES[quantity]
     if not levels:
         x, y = (f"{side.rpartition(':')[0]}:{8 * 2**HALVINGS + 1}" for side in (x, y))
-    _, plan = maps.plan(x, y, [quantity], {}, levels, None, f"{folder}/{levels}")
+    _, plan = runner.plan_map(x, y, [quantity], refine=levels, out=f"{folder}/{levels}")
     return plan.run()
 
 

@@ -18,6 +18,7 @@ from statistics import median
 
 import numpy as np
 
+from studies.asking.sweep import sweep_of
 from sweeps import Axis, Grid, Sweep, Variable, open_results
 from sweeps.plan import batches
 from tests.benchmarks.strangers import strangers
@@ -57,7 +58,7 @@ def scenes(count, record=()):
 
     given = {"V": np.linspace(1e-3, 5e-3, count // 4), "theta": [3.0, 5.0, 7.0, 9.0], "mu": 0.2, "F": 9.0}
     given["duration"] = SECONDS
-    return registry.load("scenes").sweep(given, record=record, sample_rate=50e3 if record else None)
+    return sweep_of(registry.load("scenes"), given, record=record, sample_rate=50e3 if record else None)
 
 
 def plane(points):

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from studies import registry
+from studies import registry, runner
+from studies.asking.sweep import sweep_of
 from studies.cli import execution, main, output
-from studies.gallery import fig5, maps
+from studies.gallery import fig5
 from tests import HOME
 
 FILES = ["results/fig5/fig5.nc", "results/fig5/fig5.png"]
@@ -94,14 +95,15 @@ def test_plan_computes_and_writes_nothing_and_takes_the_references_time(here, fo
     # Whatever machine has computed the reference.
     known = {"regimes": {"points": 1600, "seconds": 124.1}, "stick_time": {"points": 2304, "seconds": 486.9}}
     monkeypatch.setattr(execution, "catalogue", lambda: known)
-    plan = maps.plan("F=2:30:8", None, "velocity_rms", {"members": 4})[1]
-    assert "about 2 s on one core, as the reference took\n" in execution.estimated("map_motion", plan)[1]
+    study, plan = runner.plan_map("F=2:30:8", None, "velocity_rms", {"members": 4})
+    assert "about 2 s on one core, as the reference took\n" in execution.estimated(study, plan)[1]
     # Of the reference's 8.11 minutes a quarter of the points takes a quarter; so few are measured as too slow.
-    plan = fig5.STUDY.sweep({"mu": np.linspace(0.0, 0.5, 576)}).plan()
+    plan = sweep_of(fig5.STUDY, {"mu": np.linspace(0.0, 0.5, 576)}).plan()
     for seconds, text in ((np.nan, "about 2 min on one core, as the reference"), (300.0, "about 2 min"),
                           (60.0, "60 s on one core"), (3e3, "50 min on one core")):  # fmt: skip
-        assert text in execution.estimated("stick_time", replace(plan, seconds=seconds))[1]
-    assert "about 61 s" in execution.estimated("stick_time", replace(plan, seconds=150.0, todo=288))[1]
+        assert text in execution.estimated(registry.load("stick_time"), replace(plan, seconds=seconds))[1]
+    few = replace(plan, seconds=150.0, todo=288)
+    assert "about 61 s" in execution.estimated(registry.load("stick_time"), few)[1]
     assert "unknown" in here("plan", "own.py").stdout
     assert not folder()
 

@@ -12,7 +12,6 @@ import pytest
 import sweeps
 from fivcore import InputError, UnsolvedError
 from studies.cli import main, output
-from studies.gallery import fig5
 from sweeps.compute.executors import Backend
 
 TABLES = {
@@ -129,7 +128,7 @@ def fails(problem):
     ],
 )
 def test_a_fault_of_ours_is_not_reported_as_wrong_input(here, monkeypatch, problem, code, last):
-    monkeypatch.setattr(type(fig5.STUDY), "sweep", fails(problem))
+    monkeypatch.setattr("studies.runner.sweep_of", fails(problem))
     done = here("plan", "fig5")
     assert done.returncode == code
     assert done.stderr.splitlines()[-1] == f"fiv: {last}"
@@ -225,7 +224,7 @@ def test_libraries_that_do_not_fit_are_named_where_something_breaks(here, monkey
     versions = {"numpy": "1.26.4", "numba": "0.70.1"}
     true = importlib.metadata.version
     monkeypatch.setattr(importlib.metadata, "version", lambda name: versions.get(name) or true(name))
-    monkeypatch.setattr(type(fig5.STUDY), "sweep", fails(ImportError("numpy.core")))
+    monkeypatch.setattr("studies.runner.sweep_of", fails(ImportError("numpy.core")))
     done = here("plan", "fig5")
     found = "numpy 1.26.4 is too old: fiv needs 2.2 or newer; numba 0.70.1 is too new: fiv needs one below 0.69"
     assert (done.returncode, done.stderr.splitlines()[-1]) == (

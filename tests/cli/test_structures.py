@@ -11,8 +11,8 @@ from scipy import io, sparse
 
 import studies
 from fivcore import Scene, Structure, simulate
+from studies.asking.request import structure_of
 from studies.cli.structure import hints
-from studies.request import structure_of
 from tests.docs import readmes
 
 PIN = next(block for block in readmes.blocks("toml", "studies/README.md") if block.startswith("# pin.toml"))

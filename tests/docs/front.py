@@ -14,8 +14,8 @@ import numpy as np
 import xarray as xr
 
 import studies
+from studies.answering.results import REFERENCE
 from studies.plotting import figures, planes
-from studies.results import REFERENCE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

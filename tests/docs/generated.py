@@ -12,10 +12,11 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from studies import claims, make_reference, registry
+from studies import registry
+from studies.answering import claims
 from studies.cli.output import about
 from studies.gallery import hysteresis, stribeck
-from tests import HOME
+from tests import HOME, make_reference
 from tests.benchmarks import tables
 from tests.docs import readmes
 

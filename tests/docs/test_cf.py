@@ -14,8 +14,8 @@ from compliance_checker.cf import util
 from compliance_checker.runner import CheckSuite
 
 import studies
-from studies import registry
-from studies.gallery import maps
+from studies import registry, runner
+from studies.asking.sweep import sweep_of
 from sweeps import Axis, Grid, Sweep, Variable
 from tests import HOME
 
@@ -40,7 +40,7 @@ def suite():
 def fresh(tmp_path_factory):
     """Files of every kind that are not among the results: failures, maps, rows, words, recorded series."""
     folder = tmp_path_factory.mktemp("cf")
-    _, plan = maps.plan("theta=-10:20:3", "mu=0:0.5:3", ["growth_rate"], {}, 1, 0.1, folder)
+    _, plan = runner.plan_map("theta=-10:20:3", "mu=0:0.5:3", ["growth_rate"], refine=1, tolerance=0.1, out=folder)
     plan.run("sync")
     plan.store.rename(folder / "growth_rate.nc")
     # Axes that vary together, and nothing said of what anything is.
@@ -58,11 +58,11 @@ def fresh(tmp_path_factory):
     Sweep("words", picky, cases, {"z": Variable("m")}, title="Words").plan(folder / "words.nc").run("sync")
     values = {"V": [2e-3, 5e-3], "theta": 5.0, "mu": 0.2, "F": 9.0, "duration": 0.02}
     scenes = registry.load("scenes")
-    recorded = scenes.sweep(values, record=("velocity_B", "state"), sample_rate=1e3)
+    recorded = sweep_of(scenes, values, record=("velocity_B", "state"), sample_rate=1e3)
     recorded.plan(folder / "recorded.nc").run("sync")
     del values["V"]
     rows = {"numerical_damping": ["none", "published"], "V": [2e-3, 5e-3]}
-    scenes.sweep(values, rows=rows).plan(folder / "rows.nc").run("sync")
+    sweep_of(scenes, values, rows=rows).plan(folder / "rows.nc").run("sync")
     # A fit, some of whose draws cannot be.
     target = {"output": "glued_frequency_2", "value": "460Hz", "within": "10Hz"}
     stated = {"unknown": {"contact_position": "uniform:140:160mm"}, "set": {"theta": 5}, "target": [target]}

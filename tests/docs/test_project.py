@@ -10,8 +10,11 @@ from importlib.metadata import packages_distributions, version
 
 import pytest
 
-from studies import claims, make_reference, registry
-from tests import HOME
+import fivcore
+from studies import registry
+from studies.answering import claims
+from studies.asking.sweep import sweep_of
+from tests import HOME, make_reference
 from tests.docs import readmes
 
 README = readmes.TEXTS["README.md"]
@@ -46,9 +49,12 @@ def test_imports_point_one_way():
     assert not imported("fivcore") & {"studies", "sweeps", *files}
     assert not imported("sweeps") & {"studies", "fivcore", "numba", "matplotlib", "click"}
     assert {"fivcore", "sweeps"} <= imported("studies")
-    # Only the front of the engine is used.
-    outside = {module for each in imports("studies").values() for module, _ in each}
-    assert not [module for module in outside if module.startswith("sweeps.")]
+    # Only the fronts of engine and core are used.
+    outside = [pair for each in imports("studies").values() for pair in each]
+    assert not [module for module, _ in outside if module.startswith(("sweeps.", "fivcore."))]
+    public = {*fivcore.__all__}
+    assert {name for module, names in outside if module == "fivcore" for name in names} <= public
+    assert all(hasattr(fivcore, name) for name in public)
 
 
 def test_the_engine_imports_no_private_names():
@@ -114,6 +120,26 @@ def test_imports_form_no_circle(package):
         name = ".".join(file.parent.relative_to(HOME).parts)
         found[name] = in_circles(child_imports(name))
     assert {name: circle for name, circle in found.items() if circle} == {}
+
+
+# Rooms of studies and files of its root, the lowest floor first.
+FLOORS = (
+    "paper", "declaring", "motion", "study", "answering", "asking", "plotting", "gallery", "accuracy", "stress",
+    "registry", "fitting", "runner", "query", "report", "cli", "__main__",
+)  # fmt: skip
+
+
+def test_studies_import_from_the_floors_below_only():
+    graph = {name.removeprefix("studies."): below for name, below in child_imports("studies").items()}
+    graph.pop("studies")  # the names for users
+    assert sorted(graph) == sorted(FLOORS)
+    for name, below in graph.items():
+        names = {each.removeprefix("studies.") for each in below} - {"studies"}
+        assert names <= {*FLOORS[: FLOORS.index(name)]}, name
+
+
+def test_the_root_of_studies_is_a_hall():
+    assert len([*(HOME / "studies").glob("*.py")]) <= 6
 
 
 def test_no_test_imports_another():
@@ -244,5 +270,5 @@ KEPT += [(name, REFERENCE / make_reference.IDENTIFIED, claims.IDENTIFIED | make_
 
 @pytest.mark.parametrize(("name", "folder", "values"), KEPT)
 def test_the_results_kept_here_are_those_of_this_code(name, folder, values):
-    plan = registry.load(name).sweep(values).plan(folder / name / f"{name}.nc")
+    plan = sweep_of(registry.load(name), values).plan(folder / name / f"{name}.nc")
     assert (plan.todo, plan.failed, plan.whole) == (0, 0, True)

@@ -3,6 +3,7 @@
 import pytest
 
 from studies import registry
+from studies.asking.sweep import sweep_of
 
 
 @pytest.fixture(scope="session")
@@ -12,6 +13,6 @@ def computed():
     def run(name, record=(), **values):
         study = registry.load(name)
         rate = None if "sample_rate" in study.parameters else values.pop("sample_rate", None)
-        return study.sweep(values, record=record, sample_rate=rate).plan().run("sync")
+        return sweep_of(study, values, record=record, sample_rate=rate).plan().run("sync")
 
     return run

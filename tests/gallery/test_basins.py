@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from fivcore import Friction, Rig, Scene, State, Structure, simulate, sliding_modes
+from fivcore import Friction, Rig, Scene, State, Structure, equilibrium, simulate, sliding_modes
+from studies.asking.sweep import sweep_of
+from studies.declaring.parameters import RUN
 from studies.gallery import hysteresis, knock, maps
 from studies.gallery.classics import block_of
 from studies.motion import starts
-from studies.parameters import RUN
 
 OPTIONS = {"duration": None, "step": None, "cutoff": None, "numerical_damping": "none"}
 SCENE = Scene(5e-3, 5.0, 0.1, 9.0)
@@ -18,7 +19,7 @@ SCENE = Scene(5e-3, 5.0, 0.1, 9.0)
 
 @pytest.mark.parametrize("friction", [Friction(), Friction(0.9, 0.01)])
 def test_a_start_in_steady_sliding_stays_there(friction):
-    q = starts.equilibrium(scene := Scene(0.02, 5.0, 0.05, 9.0, friction=friction))
+    q = equilibrium(scene := Scene(0.02, 5.0, 0.05, 9.0, friction=friction))
     run = simulate(scene, 0.02, initial=State.of(scene, q, 0.0 * q), settle=0.0, record=True)
     np.testing.assert_allclose(run.normal_force, 9.0, rtol=1e-4)
     np.testing.assert_allclose(run.slip_velocity, -0.02, rtol=1e-3)
@@ -32,7 +33,7 @@ def test_a_start_along_a_mode_moves_as_the_mode(name, number):
     phi = complex(modes.growth_rate[number - 1], 2.0 * np.pi * modes.frequency[number - 1])
     q, v = starts.directions(SCENE, [name], number)[0]
     size = 1e-4 / (abs(phi) if name == "displacement" else 1.0)
-    start = State.of(SCENE, starts.equilibrium(SCENE) + size * q, size * v)
+    start = State.of(SCENE, equilibrium(SCENE) + size * q, size * v)
     run = simulate(SCENE, 0.01, initial=start, settle=0.0, record=True, sample_rate=None)
     a = complex(1.0, phi.real / phi.imag) if name == "displacement" else -1j / phi.imag
     expected = size * (a * phi * np.exp(phi * run.time)).real
@@ -69,7 +70,7 @@ def test_a_plane_has_all_combinations_and_no_interval(computed):
     assert data.sizes["draw"] == 6
     assert data["start_velocity_C"].values.tolist() == 3 * [0.0] + 3 * [1e-3]
     assert np.isnan(data["vibration_share_low"])
-    alone = starts.equilibrium(SCENE) + 0.0, 5e-4 * starts.directions(SCENE, ["knock"])[0, 1]
+    alone = equilibrium(SCENE) + 0.0, 5e-4 * starts.directions(SCENE, ["knock"])[0, 1]
     label = starts.labels_of(SCENE, [State.of(SCENE, *alone)], OPTIONS | {"duration": 0.2})
     assert label[0] == data["label"][2]
 
@@ -89,12 +90,12 @@ def test_the_smallest_knock_starts_vibration_and_scales_with_the_load():
     found = knock.threshold(SCENE, 1e-4, 0.05, OPTIONS)
     half = np.sqrt(3.0) * found["knock_threshold_se"]
     assert half <= 0.025 * (found["knock_threshold"] + half)
-    q, v = starts.equilibrium(SCENE), starts.directions(SCENE, ["knock"])[0, 1]
+    q, v = equilibrium(SCENE), starts.directions(SCENE, ["knock"])[0, 1]
     ends = [State.of(SCENE, q, (found["knock_threshold"] + sign * half) * v) for sign in (-1.0, 1.0)]
     assert [int(label) > 2 for label in starts.labels_of(SCENE, ends, OPTIONS)] == [False, True]
     study = maps.STUDIES["knock"]
     given = {"V": 2.5e-3, "F": 4.5, "mu": [0.1, 0.12], "resolution": 0.05, "largest_knock": 1e-4}
-    data = study.sweep(given).plan().run("sync")["knock_threshold"].squeeze()
+    data = sweep_of(study, given).plan().run("sync")["knock_threshold"].squeeze()
     assert float(data.sel(mu=0.1)) == pytest.approx(0.5 * found["knock_threshold"])
     assert np.all(np.isnan(data.sel(mu=0.12)))
 
@@ -121,7 +122,7 @@ def test_a_structure_of_few_modes_has_basins_too(computed):
     law = {"kinetic_ratio": 0.5, "decay_speed": 0.5, "mu": 1.0, "F": 1.0, "V": 1.7, "duration": 500.0}
     given = law | {"knock": 0.0, "velocity": [0.0, 2.5], "most": 16}
     own = block_of(1.0, 0.05).to_dict()
-    data = registry.load("basins").sweep(given, structure=own).plan().run("sync").squeeze()
+    data = sweep_of(registry.load("basins"), given, structure=own).plan().run("sync").squeeze()
     assert 0.0 < float(data["vibration_share"]) < 1.0
     assert np.all(data["start_velocity"].values[data["label"].values > 2] > 1.4)
 
@@ -140,7 +141,7 @@ def mirror_images():
 
 def basin(scene):
     def labels(seen):
-        q, (_, v) = starts.equilibrium(seen), starts.directions(seen, ["knock"])[0]
+        q, (_, v) = equilibrium(seen), starts.directions(seen, ["knock"])[0]
         states = [State.of(seen, q, size * v) for size in (-1e-3, 1e-3, 1e-2)]
         return {"label": starts.labels_of(seen, states, OPTIONS | {"duration": 0.3})}
 

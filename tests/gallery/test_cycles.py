@@ -5,7 +5,9 @@ import pytest
 
 from fivcore import CycleBranch, Rig, Scene, flutter_onsets, follow_cycle, limit_cycle, simulate
 from fivcore.cycles.branch import Place
-from studies import registry, summary
+from studies import registry
+from studies.answering import summary
+from studies.asking.sweep import sweep_of
 from studies.gallery import contact, cycles
 from sweeps import InputError
 
@@ -60,7 +62,7 @@ def test_places_are_spread():
 ])  # fmt: skip
 def test_wrong_input_is_refused(values, message):
     with pytest.raises(InputError, match=message):
-        registry.load("cycles").sweep(values)
+        sweep_of(registry.load("cycles"), values)
 
 
 @pytest.fixture(scope="module")

@@ -6,11 +6,12 @@ import xarray as xr
 
 import studies
 from fivcore import Rig, Scene, simulate_many
-from studies import claims, make_reference, paper, registry
+from studies import paper, registry
+from studies.answering import claims
 from studies.gallery import damping, fig7
 from studies.motion import regimes, run
 from sweeps import InputError
-from tests import HOME
+from tests import HOME, make_reference
 
 REFERENCE = HOME / "results" / "reference" / "damping" / "damping.nc"
 KIND = {name: k for k, name in enumerate(run.REGIMES)}

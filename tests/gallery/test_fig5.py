@@ -6,11 +6,13 @@ import pytest
 from fivcore import Structure, flutter_onsets, sliding_modes
 from fivcore.rig import Rig
 from fivcore.structure import modal_structure
-from studies import registry, summary
+from studies import registry
+from studies.answering import summary
+from studies.asking.sweep import sweep_of
+from studies.declaring.spec import evenly
 from studies.motion.run import BAND
 from studies.plotting import figures
 from studies.plotting.modes import UNSTABLE
-from studies.spec import evenly
 from tests.helpers.scattered import rig_of, scattered
 
 STUDY = registry.load("fig5")
@@ -50,7 +52,7 @@ def test_what_grows_is_told_and_drawn(computed, row):
     data = (
         of_rig(computed, row)[2]
         if row != "pin"
-        else STUDY.sweep({"mu": MU}, structure=PIN.to_dict()).plan().run("sync")
+        else sweep_of(STUDY, {"mu": MU}, structure=PIN.to_dict()).plan().run("sync")
     )
     told = summary.text(STUDY.summary(data))
     for mu in (*data["onset_mu"].values, *data["recovery_mu"].values):

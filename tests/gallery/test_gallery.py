@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from studies import claims, make_reference, paper, reference, registry, runner, summary
+from studies import paper, registry, runner
 from studies.accuracy.study import COSTS
+from studies.answering import claims, reference, summary
+from studies.asking.sweep import sweep_of
 from studies.plotting import figures
 from sweeps.storage.assemble import rounded
 from sweeps.task import Task, one_blas_thread
-from tests import HOME
+from tests import HOME, make_reference
 
 KEPT = HOME / "results" / "reference"
 # Those that take long as they are.
@@ -65,7 +67,7 @@ def small():
             with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
                 warnings.simplefilter("error")
                 patch.setattr(Task, "_call", watched)
-                sweep = registry.load(name).sweep(SMALL.get(name, {}))
+                sweep = sweep_of(registry.load(name), SMALL.get(name, {}))
                 kept[name] = sweep, sweep.plan().run("sync"), batches
         return kept[name]
 
@@ -176,13 +178,13 @@ def check_layout(figure):
     [({}, ""), ({"p1_length": 0.06}, " (P1 length = 60 mm)"), ({"d1": 1.0, "d2": 0.0}, " (not the paper's rig)")],
 )
 def test_a_title_names_the_one_number_that_is_not_the_papers(rig, told):
-    data = registry.load("fig5").sweep({"mu": [0.1, 0.2]} | rig).plan().run("sync")
+    data = sweep_of(registry.load("fig5"), {"mu": [0.1, 0.2]} | rig).plan().run("sync")
     assert drawn(registry.load("fig5"), data)[""]._suptitle.get_text().endswith(f"5°{told}")
 
 
 def test_modes_fill_their_panel():
     study = registry.load("fig5")
-    data = study.sweep({"mu": [0.1, 0.2]}).plan().run("sync")
+    data = sweep_of(study, {"mu": [0.1, 0.2]}).plan().run("sync")
     low = data.assign(frequency=0.25 * data["frequency"])
     top = drawn(study, low)[""].axes[0].get_ylim()[1]
     assert top == pytest.approx(1.3e-3 * float(low["frequency"].max()))
@@ -245,7 +247,7 @@ def test_a_figure_has_the_same_bytes_each_time(form):
     import matplotlib
 
     study = registry.load("table4")
-    data = study.sweep({}).plan().run("sync")
+    data = sweep_of(study).plan().run("sync")
     first = runner.image(study, data, form)[""]
     with matplotlib.rc_context({"axes.facecolor": "black", "savefig.transparent": True}):
         assert runner.image(study, data, form)[""] == first
@@ -265,7 +267,7 @@ def test_a_study_computed_anew_is_the_reference(name):
     study = registry.load(name)
     with xr.open_dataset(KEPT / name / f"{name}.nc") as file:
         kept = file.load()
-    sweep = study.sweep({})
+    sweep = sweep_of(study)
     new = sweep.plan().run()
     assert new.sizes == kept.sizes
     np.testing.assert_array_equal(new["status"], kept["status"])

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from fivcore import Friction, Scene, sliding_onsets
-from studies import registry, summary
+from studies import registry
+from studies.answering import summary
+from studies.asking.sweep import sweep_of
+from studies.declaring.parameters import RUN
 from studies.gallery import hysteresis
 from studies.gallery.classics import block_of
 from studies.motion import regimes
-from studies.parameters import RUN
 from sweeps import InputError
 
 OPTIONS = {name: parameter.default for name, parameter in RUN.items()}
@@ -86,5 +88,5 @@ def test_a_rig_is_followed_too(computed):
 ])  # fmt: skip
 def test_what_cannot_be_followed_is_refused(values, message):
     with pytest.raises(InputError) as problem:
-        registry.load("hysteresis").sweep(values)
+        sweep_of(registry.load("hysteresis"), values)
     assert message in str(problem.value)

@@ -9,7 +9,9 @@ import xarray as xr
 from fivcore import Rig, Scene, glued_frequencies, painleve_mu, simulate, simulate_many
 from fivcore.contact import reduced
 from fivcore.transient.summary import LONG_SHARE
-from studies import paper, registry, summary
+from studies import paper, registry
+from studies.answering import summary
+from studies.asking.sweep import sweep_of
 from studies.gallery import contact
 from studies.motion import regimes, run, series
 
@@ -152,10 +154,10 @@ def test_every_scene_of_a_grid_has_the_bits_of_its_own_simulation(computed):
 def test_equivalent_scenes_are_computed_once():
     axes = {"V": 1e-3 * RATIO ** np.arange(10), "F": 0.9 * RATIO ** np.arange(10)}
     axes |= {"theta": np.linspace(-15.0, 15.0, 13), "mu": np.linspace(0.05, 0.55, 11)}
-    plan = registry.load("scenes").sweep(axes | {"duration": 1e-3}).plan()
+    plan = sweep_of(registry.load("scenes"), axes | {"duration": 1e-3}).plan()
     assert (plan.points, plan.distinct) == (14_300, 19 * 13 * 11)
     given = SHORT | {"V": [-6e-3, 6e-3], "theta": [-5.0, 0.0, 5.0], "mu": 0.2, "F": 9.0}
-    assert registry.load("scenes").sweep(given).plan().distinct == 3
+    assert sweep_of(registry.load("scenes"), given).plan().distinct == 3
 
 
 def test_a_basis_is_built_once_for_each_inclination(computed):

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, flutter_onsets
-from studies import runner, summary
+from studies import runner
+from studies.answering import summary
+from studies.asking.sweep import sweep_of
 from studies.gallery.robust import STUDY
-from studies.uncertainty import USUAL, parse
+from studies.motion.uncertainty import USUAL, parse
 
 GIVEN = {"theta": [0.0, 5.0, 8.0], "mu": np.linspace(0.0, 0.3, 61), "samples": 64, "sobol_samples": 16, "seed": 2}
 SMALL = GIVEN | {"theta": [5.0], "samples": 8, "sobol_samples": 2}
@@ -14,7 +16,7 @@ SMALL = GIVEN | {"theta": [5.0], "samples": 8, "sobol_samples": 2}
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
-    return STUDY.sweep(GIVEN).plan(tmp_path_factory.mktemp("robust") / "robust.nc").run(scheduler="sync")
+    return sweep_of(STUDY, GIVEN).plan(tmp_path_factory.mktemp("robust") / "robust.nc").run(scheduler="sync")
 
 
 def test_onsets_are_those_of_each_rig_and_draws_are_coordinates(result):
@@ -40,7 +42,7 @@ def test_indices_are_zero_for_an_upright_rig_and_for_certain_parameters(result):
     upright = result.sel(theta=0.0)
     assert not upright["probability_unstable"].any()
     assert np.isnan(upright["onset_mu"]).all()
-    one = STUDY.sweep(SMALL | {"d1": parse("normal:50:10", "d1")}).plan().run("sync")
+    one = sweep_of(STUDY, SMALL | {"d1": parse("normal:50:10", "d1")}).plan().run("sync")
     for name in ("sobol_first", "sobol_total", "sobol_first_se", "sobol_total_se"):
         assert np.isfinite(result[name]).all()
         assert not upright[name].any()
@@ -60,7 +62,7 @@ def test_total_indices_name_the_parameters_with_most_of_the_variance(result):
 
 
 def test_another_nominal_rig_has_a_summary():
-    data = STUDY.sweep(SMALL | {"p1_length": 0.06}).plan().run("sync")
+    data = sweep_of(STUDY, SMALL | {"p1_length": 0.06}).plan().run("sync")
     assert data["p1_length"].dims == ("sample",)
     assert "P1 length = 60 mm" in summary.text(summary.parts(STUDY, data), 100)
     assert "P1 length = 60 mm" in runner.draw(STUDY, data)[""]._suptitle.get_text()
@@ -77,10 +79,10 @@ def test_another_nominal_rig_has_a_summary():
 )
 def test_what_cannot_be_is_refused(values, message):
     with pytest.raises(ValueError, match=message):
-        STUDY.sweep(values)
+        sweep_of(STUDY, values)
 
 
 def test_the_nominal_rig_is_in_the_middle_of_the_requested_distributions():
     drawn = {"p1_length": parse("normal:60:0.1mm", "p1_length", "m"), "d1": parse("lognormal:40:0.2", "d1", "s-1")}
-    constants = STUDY.sweep(GIVEN | drawn).constants
+    constants = sweep_of(STUDY, GIVEN | drawn).constants
     assert (constants["p1_length"], constants["d1"], constants["p2_length"]) == (0.06, 40.0, 0.15)

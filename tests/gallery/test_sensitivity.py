@@ -7,8 +7,8 @@ import pytest
 
 from fivcore import Rig, flutter_onsets, onset_curves
 from studies import paper
+from studies.declaring.parameters import rig_numbers
 from studies.gallery.sensitivity import NAMES, STUDY
-from studies.parameters import rig_numbers
 
 ANGLES = [-5.0, 0.5, 3.0, 5.0, 8.0]
 

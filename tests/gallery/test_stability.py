@@ -6,10 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fivcore import Rig, flutter_onsets, onset_curves, sliding_modes
-from studies import claims, paper, registry, runner, summary
+from studies import paper, registry, runner
+from studies.answering import claims, summary
+from studies.declaring.spec import evenly
 from studies.gallery import stability as plane_study
-from studies.spec import evenly
-from studies.stability import first_growth, largest_growth
+from studies.motion.stability import first_growth, largest_growth
 from tests.helpers.examples import examples
 from tests.helpers.rigs import frictions, workshop_rig
 

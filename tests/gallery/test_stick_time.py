@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from fivcore import Scene
 from studies import paper, registry
+from studies.asking.sweep import sweep_of
 from studies.gallery.stick_fit import bootstrap, crossing, exponent, interval, local_exponents, ratio
 from studies.gallery.stick_time import of_sticks
 from studies.motion import ensemble
@@ -102,7 +103,7 @@ def test_half_the_speed_at_twice_the_load_is_equivalent(computed):
     small = computed("stick_time", min_duration=0.1, **values)
     for name in STUDY.outputs:
         np.testing.assert_array_equal(small[name].sel(V=1e-3, F=9.0), small[name].sel(V=2e-3, F=18.0))
-    plan = STUDY.sweep({}).plan()
+    plan = sweep_of(STUDY).plan()
     assert (plan.points, plan.distinct) == (2304, 1344)
 
 

@@ -5,7 +5,9 @@ import pytest
 
 from fivcore import Friction, Rig, Scene, Structure, flutter_onsets, simulate, sliding_modes
 from fivcore.friction import DECAYS
-from studies import registry, summary
+from studies import registry
+from studies.answering import summary
+from studies.asking.sweep import sweep_of
 from studies.gallery import maps
 from studies.gallery.stribeck import shares
 from studies.motion.scenes import normalised
@@ -14,7 +16,7 @@ LAW = Friction(0.7, 0.02)
 
 
 def swept(study, **values):
-    return study.sweep(values).plan().run("sync")
+    return sweep_of(study, values).plan().run("sync")
 
 
 @pytest.mark.parametrize("V", [0.2, 1.0, 3.0])
@@ -52,7 +54,7 @@ def test_without_a_fall_all_growth_is_of_coupled_modes(computed):
     ("motion", {"V": [1e-3, 2e-3], "F": [9.0, 18.0], "kinetic_ratio": [0.7, 1], "decay_speed": [0.01, 0.02]}, 10),
 ])  # fmt: skip
 def test_equivalent_points_are_computed_once(group, values, distinct):
-    plan = maps.STUDIES[group].sweep(values).plan()
+    plan = sweep_of(maps.STUDIES[group], values).plan()
     assert plan.todo == distinct
     assert plan.points == np.prod([np.size(each) for each in values.values()])
 
@@ -98,7 +100,7 @@ def test_what_a_constant_friction_does_not_depend_on_has_one_value():
 
 
 def test_laws_of_friction_are_drawn_and_derived_values_know_them(computed):
-    from studies.uncertainty import parse
+    from studies.motion.uncertainty import parse
 
     values = {
         "kinetic_ratio": parse("uniform:0.6:1.2", "kinetic_ratio"),
@@ -107,7 +109,7 @@ def test_laws_of_friction_are_drawn_and_derived_values_know_them(computed):
         "mu": 0.2,
         "F": 9.0,
     }
-    drawn = registry.load("scenes").sweep(values | {"duration": 0.02}, samples=8).plan().run("sync")
+    drawn = sweep_of(registry.load("scenes"), values | {"duration": 0.02}, samples=8).plan().run("sync")
     assert np.all(drawn["status"] == 1)
     assert drawn["kinetic_ratio"].max() <= 1.0
     law = {"kinetic_ratio": 0.7, "max_duration": 0.3, "min_duration": 0.2}
@@ -133,5 +135,5 @@ def test_laws_of_friction_are_drawn_and_derived_values_know_them(computed):
 ])  # fmt: skip
 def test_wrong_laws_are_refused_in_a_line(study, values, message):
     with pytest.raises(ValueError, match=message) as problem:
-        registry.load(study).sweep(values)
+        sweep_of(registry.load(study), values)
     assert "\n" not in str(problem.value)

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, flutter_onsets, sliding_modes
-from studies import paper, registry, summary
+from studies import paper, registry
+from studies.answering import summary
+from studies.asking.sweep import sweep_of
 from studies.gallery import fig6, table4
 from sweeps import InputError
 
@@ -60,4 +62,4 @@ def test_the_unstable_shape_is_a_coupled_motion_of_the_tip(computed):
 def test_what_cannot_be_computed_is_refused_before_it_runs(name, values):
     ((key, value),) = values.items()
     with pytest.raises(InputError, match=f"{key} = {value:g}"):
-        registry.load(name).sweep(values)
+        sweep_of(registry.load(name), values)

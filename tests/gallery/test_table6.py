@@ -6,8 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fivcore import Rig, sliding_modes, unstable_windows
-from studies import claims, paper, registry, runner, stability, summary
-from studies.motion import ensemble, regimes, run
+from studies import paper, registry, runner
+from studies.answering import claims, summary
+from studies.asking.sweep import sweep_of
+from studies.motion import ensemble, regimes, run, stability
 
 # Angles on either side of every bound, and all of which the paper's text gives a number.
 ANGLES = [-5.0, 0.0, 0.5, 1.0, 2.5, 5.0, 10.0, 10.5, 11.0, 12.0, 12.5, 15.0]
@@ -137,7 +139,7 @@ def test_failed_and_pending_points_leave_gaps(computed, angles):
 @pytest.mark.slow
 def test_the_whole_table():
     """Half a degree apart, every ensemble does what stability says of its angle."""
-    data = STUDY.sweep({}).plan().run()
+    data = sweep_of(STUDY).plan().run()
     unstable = data["unstable_modes"].values > 0
     np.testing.assert_array_equal(vibrates(data["member_regime"]).all(axis=1), unstable)
     np.testing.assert_array_equal((data["member_regime"] == STEADY).all(axis=1), ~unstable)

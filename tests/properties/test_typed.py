@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from studies import spec
+from studies.declaring import spec
 from studies.query.query import select
 from sweeps import InputError
 from tests.helpers.examples import examples

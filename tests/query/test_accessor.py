@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 import studies.query.accessor  # noqa: F401 - registers `.fiv`
 from fivcore import Friction, Rig, Scene
 from studies import registry
-from studies.parameters import FRICTION, RIG, rig_numbers
+from studies.declaring.parameters import FRICTION, RIG, rig_numbers
 from studies.query.query import select
 from studies.study import Study
 from sweeps import InputError

@@ -22,10 +22,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from studies import registry, results, runner
+from studies import registry, runner
+from studies.answering import results
+from studies.asking.request import Request, assignment
+from studies.asking.sweep import sweep_of
 from studies.plotting import figures, general
 from studies.report import page, section, watch
-from studies.request import Request, assignment
 from studies.study import Parameter, Study
 from sweeps import Axis, InputError, Variable, open_results
 from tests import HOME
@@ -52,7 +54,7 @@ OWN = Study("own", f"Own {MARKUP}", "", AXES, OUTPUTS, loudness, summary=summari
 
 
 def planned(study, file=None, **values):
-    return study.sweep(Request(values=values).values_of(study)).plan(file)
+    return sweep_of(study, Request(values=values).values_of(study)).plan(file)
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from fivcore import InputError, OutOfBandWarning, Rig, Scene, growing_frequencies, simulate
-from studies import registry, summary
+from studies import registry
 from studies.accuracy.rigs import drawn_scene
+from studies.answering import summary
+from studies.asking.sweep import sweep_of
+from studies.declaring.parameters import RIG
 from studies.gallery import maps
 from studies.motion.above import NAME
-from studies.parameters import RIG
 
 SCENE = replace(drawn_scene(2010, 9), mu=0.18)
 RUN = {"duration": 0.02, "ramp": 1e-3}
@@ -22,7 +24,7 @@ def numbers_of(rig):
 
 
 def moved(**values):
-    return registry.load("scenes").sweep(values | RUN).plan().run("sync")
+    return sweep_of(registry.load("scenes"), values | RUN).plan().run("sync")
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +50,7 @@ def test_one_line_says_so(data):
 def test_maps_and_other_studies_say_so():
     study, short = maps.STUDIES["motion"], {"min_duration": 0.01, "max_duration": 0.02}
     point = {"mu": [0.0, 0.18], "V": SCENE.V, "theta": SCENE.theta, "F": SCENE.F}
-    data = study.sweep(numbers_of(SCENE.rig) | point | short).plan().run("sync")
+    data = sweep_of(study, numbers_of(SCENE.rig) | point | short).plan().run("sync")
     assert np.isfinite(data[NAME]).sum() == 1
     assert any("only above" in str(part) for part in summary.parts(study, data))
 

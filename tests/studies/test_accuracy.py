@@ -13,10 +13,11 @@ from scipy import stats
 
 from fivcore import Rig, Scene, Transient, simulate, sliding_modes
 from fivcore.contact.reduced import default_cutoff, reduced_model
-from studies import summary
 from studies.accuracy import errors, presentation, study
 from studies.accuracy.settings import CONVERGED, DEFAULT, FAST, PAPER, PUBLISHED, SETTINGS, TWO, scene_of
 from studies.accuracy.study import STUDY
+from studies.answering import summary
+from studies.asking.sweep import sweep_of
 from studies.plotting import figures
 
 # A scene; deviations of four runs from their mean.
@@ -56,7 +57,7 @@ def test_bad_input_is_named_before_anything_is_planned():
         ({"duration": 0.3}, "duration = 0.3: it must be a number from 0.34"),
     ):
         with pytest.raises(ValueError, match=re.escape(text)):
-            STUDY.sweep(values)
+            sweep_of(STUDY, values)
 
 
 def test_while_a_point_is_timed_no_other_is_computed(monkeypatch):
@@ -67,7 +68,7 @@ def test_while_a_point_is_timed_no_other_is_computed(monkeypatch):
         return {}
 
     monkeypatch.setattr(study, "measure", measured)
-    STUDY.sweep({"method": FAST, "setting": [DEFAULT, "step 0.5"], "scene": "5 mm/s"}).plan().run(
+    sweep_of(STUDY, {"method": FAST, "setting": [DEFAULT, "step 0.5"], "scene": "5 mm/s"}).plan().run(
         "threads", workers=2
     )
     assert all(one[2] <= other[0] for one, other in pairwise(sorted(spans)))
@@ -111,7 +112,7 @@ def file(monkeypatch):
         monkeypatch.setattr(study, "measure", lambda *pair, **_: dict(values(*pair[:2])))
         monkeypatch.setattr(study, "TURN", nullcontext())
         axes = {"method": list(methods), "setting": list(options), "scene": list(scenes)}
-        return STUDY.sweep({"members": 4} | axes).plan().run("sync")
+        return sweep_of(STUDY, {"members": 4} | axes).plan().run("sync")
 
     return made
 

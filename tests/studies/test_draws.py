@@ -4,15 +4,18 @@ import numpy as np
 import pytest
 
 import studies
-from studies import registry, request, runner, summary
-from studies.request import Request
+from studies import registry, runner
+from studies.answering import summary
+from studies.asking import request
+from studies.asking.request import Request
+from studies.asking.sweep import sweep_of
 
 RUN = {"theta": 5.0, "F": 9.0, "duration": 0.05}
 
 
 def run(name, values, **how):
     study, requested = registry.load(name), Request(name, values, **how)
-    return study.sweep(requested.values_of(study), **requested.points_of(study)).plan().run("sync")
+    return sweep_of(study, requested.values_of(study), **requested.points_of(study)).plan().run("sync")
 
 
 def same(one, other, names):
@@ -50,7 +53,7 @@ def test_motions_at_draws_at_rows_and_alone(tmp_path):
 def test_equivalent_rows_are_computed_once():
     columns = {"V": [1e-3, 2e-3, 1e-3, 1e-3], "F": [9.0, 18.0, 9.0, 9.0], "p1_length": [0.05, 0.05, 0.06, 0.05]}
     study, fixed = registry.load("scenes"), {"mu": 0.2, "theta": 5.0, "duration": 0.02}
-    plan = study.sweep(fixed, rows=columns).plan()
+    plan = sweep_of(study, fixed, rows=columns).plan()
     # The second has twice the speed and load of the first, the third another rig, the fourth is the first.
     assert (plan.points, plan.distinct) == (4, 2)
     single = run("scenes", fixed | {"V": 2e-3, "F": 18.0}).squeeze()

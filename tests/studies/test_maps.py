@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene, flutter_onsets, glued_frequencies, limit_cycle, painleve_mu, sliding_modes
-from studies import registry, results, runner, summary
+from studies import registry, runner
+from studies.answering import results, summary
 from studies.gallery import maps
 from studies.motion import ensemble, run
 from studies.motion.jobs import run_all
-from studies.plotting import figures
+from studies.plotting import figures, general
 from sweeps import open_results
 from tests.helpers.boundaries import distances
 
@@ -25,7 +26,7 @@ def _elsewhere(tmp_path, monkeypatch):
 
 
 def mapped(*what, **how):
-    study, plan = maps.plan(*what, **how)
+    study, plan = runner.plan_map(*what, **how)
     return study, plan.run("sync")
 
 
@@ -89,16 +90,16 @@ def test_one_sample_of_rigs_serves_a_map_and_what_is_an_axis_is_certain():
 
 def test_a_file_keeps_all_that_its_points_computed_and_draws_what_is_requested(tmp_path):
     for quantities, todo in (("onset_mu", 6), ("onset_frequency", 0), ("onset_mu,onset_frequency", 0)):
-        study, plan = maps.plan("p2_length=140:160:2mm", "theta=4:6:3", quantities, out=tmp_path)
+        study, plan = runner.plan_map("p2_length=140:160:2mm", "theta=4:6:3", quantities, out=tmp_path)
         assert plan.todo == todo
         assert runner.draw(study, runner.execute(study, plan, "sync").dataset)
-        assert maps.arranged(open_results(plan.store)) == (quantities.split(","), "p2_length", "theta")
+        assert general.arranged(open_results(plan.store)) == (quantities.split(","), "p2_length", "theta")
     assert registry.load(open_results(plan.store).attrs["sweep"]) is study
 
 
 def test_names_of_files_are_short_and_portable(tmp_path):
     def name(**how):
-        return maps.plan("theta=0,1", out=tmp_path, **how)[1].store.name
+        return runner.plan_map("theta=0,1", out=tmp_path, **how)[1].store.name
 
     assert name(y="mu=0,1", refine=1) == "growth_rate-theta-mu.nc"
     assert name(y="mu=0,1", fix={"head_mass": 3.0, "p1_length": 0.05}) == "growth-theta-mu-head_mass3.nc"
@@ -145,7 +146,7 @@ def test_every_map_has_its_figure_and_nothing_is_clipped(case):
 )
 def test_wrong_input_is_one_line_that_names_the_option(how, message):
     with pytest.raises(ValueError, match=message) as refused:
-        maps.plan(**{"x": "theta=0:10:3", "y": "mu=0:0.4:3"} | how)
+        runner.plan_map(**{"x": "theta=0:10:3", "y": "mu=0:0.4:3"} | how)
     assert "\n" not in str(refused.value)
 
 

@@ -5,7 +5,9 @@ import pytest
 import xarray as xr
 
 from fivcore import Scene, Until, simulate
-from studies import registry, summary
+from studies import registry
+from studies.answering import summary
+from studies.asking.sweep import sweep_of
 from studies.motion import ensemble, mixed, run
 from studies.plotting import planes
 
@@ -125,7 +127,7 @@ def test_results_without_realisations_say_nothing():
 def regimes():
     """A result of `regimes` in which the realisations of the first point follow two motions."""
     few = {"members": 2, "max_duration": 0.02, "min_duration": 0.01}
-    sweep = registry.load("regimes").sweep({"V": np.array([2e-3, 4e-3]), "mu": np.array([0.05, 0.06]), **few})
+    sweep = sweep_of(registry.load("regimes"), {"V": np.array([2e-3, 4e-3]), "mu": np.array([0.05, 0.06]), **few})
     data = sweep.plan().run("sync").load()
     data["motions"][0, 0] = 2
     data["motion_share"][0, 0, 0, 0, :2], data["motion_stick_fraction"][0, 0, 0, 0, :2] = 0.5, [0.0, 0.7]

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from fivcore import Beam, Rig
-from studies import parameters, spec
-from studies.parameters import FRICTION, RIG, RUN, SCENE, Parameter, unusual
-from studies.request import Request, rows
+from studies.asking.request import Request, rows
+from studies.asking.sweep import sweep_of
+from studies.declaring import parameters, spec
+from studies.declaring.parameters import FRICTION, RIG, RUN, SCENE, Parameter, unusual
 from studies.study import Study
 from sweeps import InputError
 from tests.helpers.rigs import workshop_rig
@@ -80,12 +81,12 @@ def test_what_is_refused_is_named_with_its_value_and_what_is_allowed(default, va
 
 def test_lists_ranges_draws_and_columns_are_speeds_of_the_drive(tmp_path):
     for V in ("2,1mm/s", "1:2:2mm/s", "log:1mm/s:2mm/s:2", [2e-3, 1e-3], np.array([1e-3, 2e-3])):
-        grid = STUDY.sweep(Request(values={"V": V}).values_of(STUDY)).grid
+        grid = sweep_of(STUDY, Request(values={"V": V}).values_of(STUDY)).grid
         assert grid.axes["V"].values.tolist() == [1e-3, 2e-3]
-    drawn = STUDY.sweep(Request(values={"V": "uniform:1:2mm/s"}).values_of(STUDY), samples=64).grid.axes["V"]
+    drawn = sweep_of(STUDY, Request(values={"V": "uniform:1:2mm/s"}).values_of(STUDY), samples=64).grid.axes["V"]
     np.testing.assert_allclose(np.quantile(drawn.values, [0.0, 0.5, 1.0]), [1e-3, 1.5e-3, 2e-3], atol=2e-5)
     (tmp_path / "speeds.csv").write_text("V [mm/s],p2_elements\n2,45\n1,90\n")
-    table = STUDY.sweep({}, rows=rows(STUDY, tmp_path / "speeds.csv")).grid.axes
+    table = sweep_of(STUDY, {}, rows=rows(STUDY, tmp_path / "speeds.csv")).grid.axes
     assert [table[name].values.tolist() for name in ("V", "p2_elements")] == [[2e-3, 1e-3], [45, 90]]
 
 

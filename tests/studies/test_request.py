@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
-from studies import request, spec
+from studies.asking import request
+from studies.asking.request import Request
+from studies.asking.sweep import sweep_of
+from studies.declaring import spec
+from studies.declaring.units import convert
 from studies.gallery import fig5
-from studies.request import Request
 from studies.study import Parameter, Study
-from studies.units import convert
 from sweeps import InputError
 
 
@@ -123,7 +125,7 @@ def test_values_are_words_numbers_auto_and_distributions():
     assert found["V"].tolist() == [1e-3, 2e-3]
     assert found["cutoff"] is None
     assert values(V="uniform:1:2mm/s")["V"].ppf(0.5) == pytest.approx(1.5e-3)
-    data = WORDS.sweep(found).plan().run("sync")
+    data = sweep_of(WORDS, found).plan().run("sync")
     # Words in the study's order, each once.
     assert data["case"].values.tolist() == ["tangent, missed", "tangent", "mu = 0"]
     assert data["letters"].sel(V=2e-3).values.ravel().tolist() == [15.0, 7.0, 6.0]
@@ -143,7 +145,7 @@ def test_values_are_words_numbers_auto_and_distributions():
 )
 def test_what_a_parameter_cannot_be_is_refused(typed, message):
     with pytest.raises(InputError) as caught:
-        WORDS.sweep(values(**typed))
+        sweep_of(WORDS, values(**typed))
     assert str(caught.value).startswith(message)
 
 

@@ -7,7 +7,8 @@ import pytest
 import xarray as xr
 
 from fivcore import Rig
-from studies import summary
+from studies.answering import summary
+from studies.asking.sweep import sweep_of
 from studies.plotting import figures
 from studies.stress import study
 from studies.stress.cases import CASES, METHODS, POINT, TOO_EXPENSIVE
@@ -128,7 +129,7 @@ def test_a_copy_that_differs_and_a_mean_that_is_not_the_load_fail(good):
 
 def test_a_result_its_summary_and_its_figure_say_what_passed_and_what_failed():
     names = ["step 1.001 of the largest", "mu = nan", "theta = 90°", "3 and 3 elements"]
-    data = study.STUDY.sweep({"case": names}).plan().run("sync")
+    data = sweep_of(study.STUDY, {"case": names}).plan().run("sync")
     assert data["task"].sel(case="theta = 90°").item() == "P1 at 90 degrees"
     assert OUTCOMES[int(data["outcome"].sel({"case": "theta = 90°", "method": "paper"}))] == "ValueError"
     assert next(study.summary(data)).startswith("None of 11 runs and refusals failed")

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from fivcore import DampingWarning, Rig, Structure, flutter_onsets, painleve_mu
-from studies import registry, summary
+from studies import registry
+from studies.answering import summary
+from studies.asking.sweep import sweep_of
 
 
 def drawn(seed):
@@ -24,7 +26,7 @@ def test_a_default_range_of_friction_lies_around_the_first_onset(name):
         own = drawn(seed)
         found = flutter_onsets(own, 0.0, mu_max=10.0)
         first = min([*found.mu, *found.entry_mu, np.nan_to_num(found.divergence_mu, nan=np.inf)])
-        sweep = study.sweep({}, structure=own.to_dict())
+        sweep = sweep_of(study, {}, structure=own.to_dict())
         mu = (sweep.grid.axes.get("mu") or sweep.coords["mu"]).values
         usual = study.parameters["mu"].default
         limit = 0.9 * painleve_mu(own, 0.0)
@@ -40,14 +42,14 @@ def test_a_default_range_of_friction_lies_around_the_first_onset(name):
 
 
 def test_a_range_that_is_given_stays():
-    sweep = registry.load("regimes").sweep({"mu": [0.1, 0.2]}, structure=drawn(0).to_dict())
+    sweep = sweep_of(registry.load("regimes"), {"mu": [0.1, 0.2]}, structure=drawn(0).to_dict())
     np.testing.assert_array_equal(sweep.grid.axes["mu"].values, [0.1, 0.2])
 
 
 def test_a_failed_point_names_no_scaled_scene():
     study = registry.load("scenes")
     # Beyond the friction at which the contact force is not unique.
-    data = study.sweep({"V": [0.2], "theta": [60.0], "mu": [0.1, 9.0], "F": [500.0], "duration": 0.01})
+    data = sweep_of(study, {"V": [0.2], "theta": [60.0], "mu": [0.1, 9.0], "F": [500.0], "duration": 0.01})
     with pytest.warns(UserWarning, match="1 of 2 points failed"):
         data = data.plan().run("sync")
     error = str(data["error"].sel(mu=9.0).item())
@@ -62,5 +64,5 @@ def test_what_is_remarked_of_a_structure_is_in_the_file_and_in_every_answer():
     with pytest.warns(DampingWarning, match="^damping: ratios of tied modes are missed"):
         own = own.damped(asked)
     study = registry.load("fig5")
-    data = study.sweep({"mu": [0.1, 0.2]}, structure=own.to_dict()).plan().run("sync")
+    data = sweep_of(study, {"mu": [0.1, 0.2]}, structure=own.to_dict()).plan().run("sync")
     assert f"Of the structure: {own.remarks[-1]}." in [*summary.parts(study, data)]

@@ -7,7 +7,9 @@ import pytest
 
 import studies
 from fivcore import Beam, Rig, flutter_onsets, sliding_modes
-from studies import claims, registry, results, runner, summary
+from studies import registry, runner
+from studies.answering import claims, results, summary
+from studies.asking.sweep import sweep_of
 from studies.gallery import fig5
 from studies.study import Parameter, Study
 from sweeps import FAILED, InputError, StoreError, SweepStoppedError
@@ -29,7 +31,7 @@ def study_of(function, outputs=None, **options):
 
 
 def run(study, **values):
-    return study.sweep(values).plan().run("sync")
+    return sweep_of(study, values).plan().run("sync")
 
 
 def test_a_function_gets_one_value_of_what_is_fixed_and_an_array_of_what_varies():
@@ -84,7 +86,7 @@ def test_one_value_for_several_points_is_refused(function, parameters):
 def test_rows_that_agree_in_all_that_a_function_takes_have_its_one_value():
     study = study_of(lambda rig: {"y": [rig.head_mass]}, parameters={"x": Parameter(1.0)})
     rows = {"head_mass": [2.0, 2.0, 3.0], "x": [1.0, 2.0, 3.0]}
-    assert study.sweep({}, rows=rows).plan().run("sync")["y"].values.tolist() == [2.0, 2.0, 3.0]
+    assert sweep_of(study, {}, rows=rows).plan().run("sync")["y"].values.tolist() == [2.0, 2.0, 3.0]
 
 
 def test_scenes_are_built_and_only_the_guilty_group_fails():
@@ -101,7 +103,7 @@ def test_scenes_are_built_and_only_the_guilty_group_fails():
     assert "two is not allowed" in str(data["error"].sel(head_mass=2.0).values[0])
     np.testing.assert_allclose(data["y"].sel(head_mass=3.0), [3e-3, 6e-3])
     with pytest.raises(InputError, match="theta = 95"):
-        study.sweep({"theta": 95.0})
+        sweep_of(study, {"theta": 95.0})
 
 
 def test_a_function_of_numbers_gets_one_point_at_a_time():
@@ -144,7 +146,7 @@ def test_auto_is_no_number():
     assert run(study, limit=2.0)["y"].values.tolist() == [1.0, 2.0, 2.0]
     assert run(study, limit="auto")["y"].values.tolist() == [1.0, 2.0, 3.0]
     with pytest.raises(InputError, match="gain = 'auto'"):
-        study.sweep({"gain": "auto"})
+        sweep_of(study, {"gain": "auto"})
 
 
 def test_a_warning_names_the_line_of_the_caller():

@@ -5,9 +5,9 @@ import pytest
 from scipy import stats
 
 from fivcore import Rig, flutter_onsets, sliding_modes
-from studies import uncertainty
-from studies.parameters import rig_numbers
-from studies.uncertainty import parse
+from studies.declaring.parameters import rig_numbers
+from studies.motion import uncertainty
+from studies.motion.uncertainty import parse
 from sweeps import InputError
 
 LEVELS = np.array([0.0, 0.001, 0.3, 0.5, 0.9, 0.999, 1.0])

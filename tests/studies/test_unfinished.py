@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from studies import registry, runner, summary
-from studies.gallery import maps
-from studies.results import settled
+from studies import registry, runner
+from studies.answering import summary
+from studies.answering.results import settled
 from sweeps import DONE, PENDING
 from tests import HOME
 
@@ -81,7 +81,7 @@ def test_what_is_there_is_told_and_drawn(name, holes, results):
 )
 def test_maps_too(sides, quantities, holes, tmp_path):
     fix = {"max_duration": 0.1, "min_duration": 0.02} if "regime" in quantities else {}
-    study, planned = maps.plan(*sides, quantities, fix, out=tmp_path)
+    study, planned = runner.plan_map(*sides, quantities, fix, out=tmp_path)
     data = planned.run("sync")
     pending = xr.DataArray(HOLES[holes](data["status"].shape), dims=data["status"].dims)
     for name in [*study.outputs]:

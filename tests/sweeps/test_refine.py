@@ -9,8 +9,8 @@ import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 
+from studies.answering.refinement import report, shares
 from studies.cli.execution import timed
-from studies.refinement import report, shares
 from sweeps import open_results, status
 from sweeps.refine import lattice
 from tests.helpers.boundaries import CLASSES, ROUGH, SHAPES, SMOOTH, Rule, X, Y, bumps, explored, noise, refine

@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 
 from fivcore import Friction, Scene, State, simulate
 from studies import registry
+from studies.asking.sweep import sweep_of
 from studies.gallery.classics import block_of, slipping
 from studies.motion.run import REGIMES
 
@@ -73,7 +74,9 @@ def drawn(V, most, **options):
         "width": 1e-3,
         "duration": duration(V),
     }
-    return registry.load("basins").sweep(given | options, structure=BLOCK.to_dict()).plan().run("sync").squeeze()
+    return (
+        sweep_of(registry.load("basins"), given | options, structure=BLOCK.to_dict()).plan().run("sync").squeeze()
+    )
 
 
 def check_share(V, most, expected):

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from fivcore import flutter_onsets, lyapunov_exponent, simulate, sliding_modes
+from fivcore import equilibrium, flutter_onsets, lyapunov_exponent, simulate, sliding_modes
 from fivcore.contact.reduced import default_cutoff, reduced_model
 from fivcore.transient.normalised import Normalised
 from studies.accuracy.rigs import drawn_scene
+from studies.declaring.parameters import RUN
 from studies.gallery import hysteresis, knock
 from studies.motion import regimes, starts
-from studies.parameters import RUN
 from tests.benchmarks.constants import apart, shares
 from tests.helpers.structures import beams
 
@@ -69,7 +69,7 @@ def test_the_model_that_moves(number, given, monkeypatch):
     seen_by = []
     for each, model in zip((scene, own), models, strict=True):
         turned = each if each.V > 0.0 else each.mirrored()
-        rest, (_, struck) = starts.equilibrium(turned), starts.directions(turned, ["knock"])[0]
+        rest, (_, struck) = equilibrium(turned), starts.directions(turned, ["knock"])[0]
         rows = np.stack([model.normal, model.tangential, model.inertia, model.output, model.load])
         parts = rows * np.stack([rest, struck])[:, None, model.kept]
         seen_by.append([*parts.sum(axis=2), (rows**2).sum(axis=1), np.abs(parts).sum(axis=2)[0]])

@@ -10,7 +10,8 @@ from scipy import stats
 
 import studies
 from fivcore import Rig, Structure, flutter_onsets, glued_frequencies
-from studies import paper, registry, results, runner
+from studies import paper, registry, runner
+from studies.answering import results
 from studies.fitting import presentation, problem, rounds
 from sweeps import InputError
 from tests.docs import readmes

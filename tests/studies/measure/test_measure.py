@@ -13,8 +13,8 @@ from scipy.signal import lfilter
 import studies
 from fivcore import FixedContactWarning, Rig, Scene, simulate
 from studies import registry, runner
+from studies.answering.measured import Signal, statistics
 from studies.cli.measure import beside
-from studies.measured import Signal, statistics
 
 RATE, BAND = 50e3, (200.0, 10e3)
 

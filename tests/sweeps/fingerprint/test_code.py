@@ -26,6 +26,7 @@ from numba import njit
 from scipy.interpolate import CubicSpline
 
 from studies import registry
+from studies.asking.sweep import sweep_of
 from sweeps import InputError, StoreError, Sweep, load_script, pointwise
 from sweeps.fingerprint import modules, provenance
 from sweeps.fingerprint.code import covered, digests
@@ -227,7 +228,7 @@ def test_an_upgrade_under_a_live_session_does_not_pass_for_what_is_loaded(files)
 
 
 def test_this_project_counts_by_content_wherever_it_lies(monkeypatch):
-    function = registry.load("table4").sweep({}).function
+    function = sweep_of(registry.load("table4")).function
     before = covered([function])
     assert {"fivcore.rig", "studies.gallery.table4"} < set(before.code)
     modules.is_installed.cache_clear()
@@ -529,7 +530,7 @@ def test_neither_the_order_of_sets_nor_the_state_of_a_process_counts():
 
 def test_the_projects_own_studies():
     for name in registry.NAMES:
-        sweep = registry.load(name).sweep({})
+        sweep = sweep_of(registry.load(name))
         found = covered([each for each in (sweep.function, sweep.key, sweep.scale) if each is not None])
         own = {each for each in found.code if each.startswith(("fivcore.", "studies."))}
         assert own == set(found.code), name
@@ -546,8 +547,9 @@ def numbers(file):
 STUDY = """
 import json
 from studies import registry
+from studies.asking.sweep import sweep_of
 from sweeps.fingerprint.code import digests
-sweep = registry.load("scenes").sweep({})
+sweep = sweep_of(registry.load("scenes"))
 print(json.dumps(digests([sweep.function, sweep.key, sweep.scale])))
 """
 

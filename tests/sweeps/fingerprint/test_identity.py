@@ -14,6 +14,7 @@ import pytest
 from scipy import stats
 
 from studies import registry
+from studies.asking.sweep import sweep_of
 from sweeps import Axis, Grid, InputError, MixedWarning, Sample, StoreError, Sweep, Variable, json_equal
 from sweeps.fingerprint import provenance
 from sweeps.fingerprint.identity import coverage, differences, fingerprint
@@ -118,7 +119,7 @@ def test_a_long_array_takes_little_room(path):
 def test_a_changed_output_of_a_study_names_the_study():
     study = registry.load("fig5")
     more = dataclasses.replace(study, outputs=study.outputs | {"more": Variable(dims=("mode",))})
-    one, other = (fingerprint(each, coverage(each)) for each in (study.sweep({}), more.sweep({})))
+    one, other = (fingerprint(each, coverage(each)) for each in (sweep_of(study), sweep_of(more)))
     assert differences(one, other).endswith("the code of studies.gallery.fig5 has changed")
 
 

@@ -1,4 +1,4 @@
-"""Compute the repository's own outcomes: `python -m studies.make_reference [--adopt N] [STUDY ...]`.
+"""Compute the repository's own outcomes: `python -m tests.make_reference [--adopt N] [STUDY ...]`.
 
 All studies if none is named, from nothing and with their defaults (two hours of one core), those of the paper's
 motion with the identified damping too; it updates what `fiv list` prints of each. With --adopt, after a change
@@ -15,9 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from studies import claims, paper, registry, runner
+from studies import paper, registry, runner
 from studies.accuracy.study import COSTS
-from studies.results import REFERENCE
+from studies.answering import claims
+from studies.answering.results import REFERENCE
+from studies.asking.sweep import sweep_of
 from studies.study import Study
 from sweeps import Adopt, open_results
 
@@ -32,7 +34,7 @@ TWICE: dict[str, dict[str, Any]] = {
 
 def entry(study: Study, folder: Path) -> dict[str, Any]:
     """Compute the entry of a study in `fiv list`; the time is that of the reference on one core."""
-    plan = study.sweep({}).plan()
+    plan = sweep_of(study).plan()
     index = plan.manifest.representative
     with open_results(folder / study.name / f"{study.name}.nc") as dataset:
         times = dataset["wall_time"].values.ravel()
@@ -54,10 +56,11 @@ def main() -> None:
         for place, values in requests.items():
             store = place / name / f"{name}.nc"
             if arguments.adopt is None:
-                runner.execute(study, study.sweep(values).plan(store, fresh=True))
+                runner.execute(study, sweep_of(study, values).plan(store, fresh=True))
                 print(store)
             else:
-                plan = study.sweep(values).plan(store, adopt=Adopt(arguments.adopt, exact=True, measured=COSTS))
+                adopt = Adopt(arguments.adopt, exact=True, measured=COSTS)
+                plan = sweep_of(study, values).plan(store, adopt=adopt)
                 plan.run()
                 print(f"{store}: {plan.adopted or 'its code has not changed'}")
         if arguments.adopt is None:

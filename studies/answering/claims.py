@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies import labels, paper
+from studies import paper
+from studies.answering.results import settings, structure_in
+from studies.declaring import labels
+from studies.declaring.parameters import RIG
+from studies.declaring.spec import nearest
 from studies.motion import regimes
-from studies.parameters import RIG
-from studies.results import settings, structure_in
-from studies.spec import nearest
+from studies.study import Claim
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,32 +28,6 @@ IDENTIFIED = {"d1": 50.0, "d2": 1.585e-7}
 MEANT = {"periodic": ("periodic, that is vibration without long sticks", regimes.WITHOUT_STICKS)}
 # The operating point of a claim, where it does not say otherwise.
 POINT = {"theta": paper.THETA, "mu": paper.MU, "F": paper.LOAD}
-
-
-@dataclass(frozen=True)
-class Claim:
-    """A number or a word that the paper prints, and the value of a result that answers it.
-
-    Attributes
-    ----------
-    variable : str
-        Of the result.
-    at : mapping
-        Values of parameters, or indices along a dimension that has no values; a pair means all values of an axis
-        between its ends, both excluded. Without theta, mu or F: those of the paper's operating point.
-    value : float or str
-        In the variable's units, NaN if the paper has no number; the word of a variable with flags.
-    section : str
-        Of the paper: section, figure or table.
-    cells : bool
-        A value of an axis represents its surroundings: the nearest one within the axis's range answers.
-    """
-
-    variable: str
-    at: Mapping[str, float | str | tuple[float, float]]
-    value: float | str
-    section: str
-    cells: bool = False
 
 
 def is_papers_rig(dataset: xr.Dataset) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 
 import sweeps
 from fivcore import Rig, Structure
-from studies.parameters import RIG
+from studies.declaring.parameters import RIG
 from sweeps import InputError, MissingFileError
 
 if TYPE_CHECKING:

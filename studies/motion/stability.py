@@ -9,12 +9,22 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import FlutterOnsets, Friction, Rig, Scene, Structure, flutter_onsets, sliding_modes, unstable_windows
-from studies import summary
-from studies.labels import number
+from fivcore import (
+    FlutterOnsets,
+    Friction,
+    Rig,
+    Scene,
+    Structure,
+    flutter_onsets,
+    model_exponents,
+    sliding_modes,
+    unstable_windows,
+)
+from studies.declaring import labels
+from studies.declaring.labels import number
+from studies.declaring.parameters import FRICTION, SLIDING
 from studies.motion.run import BAND
 from studies.motion.scenes import friction_of
-from studies.parameters import FRICTION, SLIDING
 from sweeps import Variable
 
 Array = NDArray[Any]
@@ -101,6 +111,21 @@ def least_stable(scene: Scene) -> tuple[float, float]:
     """Growth rate (1/s) and frequency (Hz) of the least stable mode of steady sliding below 10 kHz."""
     growth, frequency, _ = largest_growth(scene.rig, scene.drive_theta, scene.mu, **sliding_of(scene))
     return float(growth), float(frequency)
+
+
+def linear_stability(scene: Scene, cutoff: float | None, numerical_damping: str) -> dict[str, Any]:
+    """Linear stability of steady sliding: of all modes below the band's end, and of the model that is simulated.
+
+    Which of its modes grow depends on its numerical damping and its cut-off; a scene that vibrates although none
+    does is subcritical.
+    """
+    rate, frequency, unstable = largest_growth(scene.rig, scene.drive_theta, scene.mu, **sliding_of(scene))
+    found, model_rate, model_frequency = model_exponents(scene, cutoff, numerical_damping), np.nan, np.nan
+    if len(found):
+        top = found[np.argmax(found.real)]
+        model_rate, model_frequency = float(top.real), abs(float(top.imag)) / (2.0 * np.pi)
+    values = {"growth_rate": rate, "growth_frequency": frequency, "unstable_modes": unstable}
+    return values | {"model_growth_rate": model_rate, "model_growth_frequency": model_frequency}
 
 
 def sliding_of(scene: Scene) -> dict[str, Any]:
@@ -197,7 +222,7 @@ def intervals_summary(dataset: xr.Dataset, mu: float) -> Iterator[Any]:
         yield f"No pair is unstable {where}."
     else:
         names = [f"window_{name}" for name in INTERVALS if "open" not in name]
-        table = summary.frame(dataset, names, along="window")
+        table = labels.frame(dataset, names, along="window")
         table.columns = ["from °", "to °", "from Hz", "to Hz", "largest growth 1/s", "at °", "at Hz"]
         for head, mark in (("from °", "< "), ("to °", "> ")):
             cut = dataset[f"window_open_{head[:-2]}"].values == ENDS.index("end of the range")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from studies.results import configuration
+from studies.answering.results import configuration
 
 if TYPE_CHECKING:
     from studies.study import Study

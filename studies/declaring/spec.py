@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from studies.units import UnitError, convert
+from studies.declaring.units import UnitError, convert
 from sweeps import InputError
 
 FORMS = "0.2 | 1e-3,2e-3,5e-3 | 0:0.5:101 (start:stop:count) | log:1e-4:1e-2:30, in SI or like 2mm/s | 50:80:7mm"

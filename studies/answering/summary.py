@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import shutil
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies import claims, labels
+from studies.answering import claims
+from studies.answering.results import configuration, is_usual, settings, structure_in
+from studies.declaring import labels
+from studies.declaring.parameters import RIG, SCENE
 from studies.motion import above, mixed
-from studies.parameters import RIG, SCENE
-from studies.results import settings, structure_in
 from sweeps import DONE, FAILED, PENDING
 
 if TYPE_CHECKING:
@@ -27,26 +28,16 @@ LISTED = 5
 WIDTH = 100
 
 
-def frame(dataset: xr.Dataset, names: Sequence[str], along: str | Sequence[str] | None = None) -> pd.DataFrame:
-    """A table of variables and coordinates in a reader's units: heads are like "V mm/s", flags are words.
+def presented(study: Study, dataset: xr.Dataset) -> xr.Dataset | None:
+    """The result as summary and figure take it; None for which they are not made, or if no point is done.
 
-    `along` has the dimensions of the rows, by default those that the variables have.
+    They present a result with the study's own dimensions. One that is not finished gets what the study derives;
+    pending points have no values.
     """
-    import pandas as pd
-    import xarray as xr
-
-    arrays = [dataset[name] for name in names]
-    dims = [along] if isinstance(along, str) else list(along or dict.fromkeys(d for a in arrays for d in a.dims))
-    columns = {}
-    for name, array in zip(names, xr.broadcast(*arrays), strict=True):
-        values = array.transpose(*dims) if set(array.dims) == set(dims) else array
-        if "flag_meanings" in array.attrs:
-            column: Any = labels.words(values)
-        else:
-            column = labels.readable(values).values
-        unit = labels.unit_of(array)[0]
-        columns[f"{labels.SYMBOLS.get(name, name)} {unit}".strip()] = np.ravel(column)
-    return pd.DataFrame(columns)
+    status = dataset["status"]
+    if not (is_usual(dataset, study.dims) and (status == DONE).any()):
+        return None
+    return study.derive(dataset) if study.derive is not None and (status == PENDING).any() else dataset
 
 
 def parts(study: Study, dataset: xr.Dataset) -> Iterator[Any]:
@@ -55,7 +46,7 @@ def parts(study: Study, dataset: xr.Dataset) -> Iterator[Any]:
     yield from (f"Of the structure: {remark}." for remark in structure_in(dataset).get("remarks", ()))
     if pending := int((dataset["status"] == PENDING).sum()):
         yield f"{pending} of {dataset['status'].size} points are not computed yet; this is of the others."
-    shown = study.presented(dataset) if study.summary is not None else None
+    shown = presented(study, dataset) if study.summary is not None else None
     yield from general(dataset) if shown is None or study.summary is None else study.summary(shown)
     beside = claims.beside(dataset if shown is None else shown, study.claims)
     if len(beside):
@@ -67,15 +58,21 @@ def parts(study: Study, dataset: xr.Dataset) -> Iterator[Any]:
 
 def fixed_text(study: Study, dataset: xr.Dataset) -> str:
     """The operating point, and what else is fixed at another value than the study's default."""
-    values = {name: value for name, value in settings(dataset).items() if name in dataset.coords}
-    defaults = {name: parameter.default for name, parameter in study.parameters.items()}
-    named = [name for name, value in values.items() if name in SCENE or value != defaults.get(name, value)]
-    text = [labels.named(name, values[name], str(dataset[name].attrs.get("units", "1"))) for name in named]
-    if structure := structure_in(dataset):
-        text.append(structure["name"])
-    if set(RIG) <= set(values) and claims.is_papers_rig(dataset):
+    text = fixed_parts(study, dataset)
+    if set(RIG) <= set(settings(dataset)) and claims.is_papers_rig(dataset):
         text.append("the paper's rig")
     return f"At {', '.join(text)}." if text else f"{study.title}."
+
+
+def fixed_parts(study: Study, dataset: xr.Dataset, *, figure: bool = False) -> list[str]:
+    """What is fixed, besides a scene's numbers only what is not the default; a figure counts those drawn."""
+    values = {name: value for name, value in settings(dataset).items() if name in dataset.coords}
+    defaults = {name: parameter.default for name, parameter in study.parameters.items()}
+    drawn = configuration(dataset)["constants"].get("distributions", {}) if figure else {}
+    named = [name for name, value in values.items() if name in SCENE or value != defaults.get(name, value)]
+    text = [labels.named(n, values[n], str(dataset[n].attrs.get("units", "1"))) for n in named if n not in drawn]
+    text += [structure["name"]] if (structure := structure_in(dataset)) else []
+    return text + [f"{len(drawn)} uncertain parameters"] * bool(drawn)
 
 
 def quantities(dataset: xr.Dataset) -> list[str]:

@@ -18,7 +18,7 @@ from matplotlib import image
 
 from fivcore import Rig, Scene, flutter_onsets, glued_frequencies, simulate, sliding_modes, tune_head_mass
 from studies import registry, runner
-from studies.request import Request
+from studies.asking.request import Request
 from sweeps import DONE, Sweep, pointwise
 
 GLUED = (16.0, 361.6562112, 1664.488491, 2055.406886, 2924.067593, 5035.521765, 6624.390951, 8030.957647)

@@ -12,9 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fivcore import Friction, Rig
-from fivcore.friction import DECAYS, FRICTION_PARAMETERS
-from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS
+from fivcore import BEAM_PARAMETERS, DECAYS, FRICTION_PARAMETERS, RIG_PARAMETERS, Friction, Rig
 from studies import paper
 from sweeps import Axis, InputError
 
@@ -62,13 +60,17 @@ class Parameter:
         return np.asarray(self.default).dtype.kind == "i"
 
     def read(self, name: str, value: Any) -> Any:
-        """Check a requested value: one number, word or None, or an ascending array of several.
+        """Check a requested value: one number, word or None, an ascending array of several, or a distribution.
 
         Raises
         ------
         InputError
             Naming the parameter, its value and what is allowed.
         """
+        if hasattr(value, "ppf"):
+            if self.choices or self.is_whole or self.inner:
+                raise InputError(f"{name} = {value.text}: it has no distribution; give it values")
+            return value
         if value is None or (isinstance(value, str) and value == "auto"):
             if self.default is not None:
                 raise InputError(f"{name} = {value!r}: it must be {self._allowed}")
@@ -93,6 +95,10 @@ class Parameter:
                     raise InputError(f"{name} = {values[fraction][0]:g}: it must be a whole number below 1e15")
                 values = values.astype(np.int64)
         return values[0].item() if len(values) == 1 and not np.ndim(self.default) else values
+
+    def axis(self, values: Any) -> Axis:
+        """An axis of these values."""
+        return Axis(values, self.units, self.text)
 
     @property
     def _allowed(self) -> str:
@@ -231,7 +237,7 @@ def warn_unusual(lines: Sequence[str], *, strict: bool) -> str:
     if lines and strict:
         raise InputError(f"{lines[0]}; leave strict out to compute it all the same")
     # The first caller outside this package gave the value.
-    level, frame, package = 1, sys._getframe(), str(Path(__file__).parent)
+    level, frame, package = 1, sys._getframe(), str(Path(__file__).parents[1])
     while frame.f_back is not None and frame.f_code.co_filename.startswith(package):
         level, frame = level + 1, frame.f_back
     for line in lines:

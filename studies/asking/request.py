@@ -15,10 +15,10 @@ import numpy as np
 
 import sweeps
 from fivcore import Structure
-from studies import spec
-from studies.parameters import USUAL, check_keys
-from studies.results import configuration, expanded, open_dataset, settings, structure_in
-from studies.units import convert
+from studies.answering.results import configuration, expanded, open_dataset, settings, structure_in
+from studies.declaring import spec
+from studies.declaring.parameters import USUAL, check_keys
+from studies.declaring.units import convert
 from sweeps import InputError
 
 if TYPE_CHECKING:
@@ -49,6 +49,9 @@ class Request:
     `values` has by parameter a SPEC, a distribution (`normal:0.2:0.02`, or one of SciPy's), a word, a number, or a
     list of these; `points` is a CSV file, a DataFrame, or columns by name, whose rows are the points; `structure`
     is `Structure.to_dict` of one in place of the rig; `command` is the line that was typed.
+
+    A map has `sides`, the parameter across and that upwards, whose intervals are halved `refine` times where the
+    first of its `quantities` changes, or where interpolation is off by `tolerance` of its range.
     """
 
     study: str = ""
@@ -62,6 +65,10 @@ class Request:
     workers: int | None = None
     structure: Mapping[str, Any] | None = None
     command: str = ""
+    sides: tuple[str, ...] = ()
+    quantities: tuple[str, ...] = ()
+    refine: int = 0
+    tolerance: float | None = None
 
     def over(self, other: Request) -> Request:
         """The values of this request, and those of another where this one has none."""
@@ -78,14 +85,18 @@ class Request:
         # More points than a plan can hold are refused before their values are made.
         for name, value in values.items():
             if isinstance(value, str) and not study.parameter(name, self.structure).choices:
-                counts[name] = 1 if is_distribution(value) else spec.count(value)
+                count = 1 if is_distribution(value) else spec.count(value)
+                counts[name] = (count - 1) * 2**self.refine + 1 if name in self.sides else count
             elif np.ndim(value):
                 counts[name] = np.size(value)
         sweeps.check_counts(counts or {"points": 1})
-        return {name: _read(study, name, value) for name, value in values.items()}
+        read = {name: _read(study, name, value) for name, value in values.items()}
+        halved = self.sides if self.refine else ()
+        units = {name: study.parameters[name].units for name in halved}
+        return read | {name: spec.refined(values[name], name, self.refine, units[name]) for name in halved}
 
     def points_of(self, study: Study) -> dict[str, Any]:
-        """Arguments of `Study.sweep` besides the values."""
+        """Arguments of `asking.sweep.sweep_of` besides the values."""
         table = None if self.points is None else rows(study, self.points)
         rate = self.sample_rate
         rate = spec.one(rate, "sample_rate", "Hz") if isinstance(rate, str) else rate
@@ -101,10 +112,12 @@ class Request:
 
     def stored(self) -> dict[str, Any]:
         """The parts of the request that a result's file stores besides its parameters."""
-        from studies.uncertainty import text_of
+        from studies.motion.uncertainty import text_of
 
         drawn = {name: text_of(v, name) for name, v in self.values.items() if is_distribution(v)}
         rest = {"record": list(self.record), "scatter": drawn, "seed": self.seed, "command": self.command}
+        if self.sides:
+            rest |= {"x": self.sides[0], "quantities": list(self.quantities)}
         return {name: value for name, value in rest.items() if value}
 
     def bears_unit(self, name: str) -> bool:
@@ -115,7 +128,7 @@ class Request:
 
 def is_distribution(value: Any) -> bool:
     """Whether a value is a distribution, or the text of one."""
-    from studies.uncertainty import is_kind
+    from studies.motion.uncertainty import is_kind
 
     return hasattr(value, "ppf") or (isinstance(value, str) and is_kind(value.partition(":")[0].strip()))
 
@@ -124,7 +137,7 @@ def _read(study: Study, name: str, value: Any) -> Any:
     """A value of a parameter; a string is a word, a SPEC or a distribution."""
     parameter = study.parameter(name)
     if hasattr(value, "ppf") and not hasattr(value, "text"):
-        from studies.uncertainty import text_of
+        from studies.motion.uncertainty import text_of
 
         value = text_of(value, name)
     if not isinstance(value, str):
@@ -134,11 +147,11 @@ def _read(study: Study, name: str, value: Any) -> Any:
     if value.strip() == "auto":
         return None if parameter.default is None else "auto"
     if is_distribution(value) or re.match(r"\s*(?!log:)[a-z]\w*:", value):
-        from studies.uncertainty import parse
+        from studies.motion.uncertainty import parse
 
         return parse(value, name, parameter.units)
     values = spec.parse(value, name, parameter.units)
-    if name == "V" and "scenes" in study.takes and not np.all(values):
+    if name == "V" and study.moves and not np.all(values):
         raise InputError("V = 0: the drive must move; usual are {:g} to {:g} m/s".format(*USUAL["V"]))
     return values
 
@@ -219,6 +232,9 @@ def of_result(dataset: xr.Dataset, whose: str = "dataset") -> Request:
         how["samples"] = dataset.sizes["sample"]
     rate = constants.get("sample_rate") if record and "sample_rate" not in values else None
     structure = structure_in(dataset) or None
+    if "quantities" in request:
+        dims = sorted(map(str, dataset["status"].dims), key=lambda dim: dim != request["x"])
+        how |= {"sides": tuple(dims), "quantities": tuple(request["quantities"])}
     return Request(configured["name"], values, points, record, rate, structure=structure, **how)
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from io import StringIO
@@ -26,17 +26,14 @@ from numpy.typing import NDArray
 from scipy import io, ndimage
 from scipy import signal as filters
 
-from fivcore import InputError
-from fivcore.structure_files import reading, universal_file
-from fivcore.transient import observe
-from studies import spec
+from fivcore import InputError, observe, structure_files
+from studies.answering.results import expanded
+from studies.declaring import spec
+from studies.declaring.units import UnitError, convert
 from studies.motion import series
-from studies.plotting import figures
-from studies.results import expanded
-from studies.units import UnitError, convert
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    pass
 
 Array = NDArray[Any]
 
@@ -67,7 +64,7 @@ def read(path: str | Path, unit: str | None, rate: float | str | None, channel: 
     """Read one channel of a file with its unit and rate; an `InputError` says what is wrong or missing."""
     if (reader := READERS.get((file := expanded(path)).suffix.lower())) is None:
         raise InputError(f"{path}: its name must end in one of {', '.join(READERS)}")
-    with reading(path):
+    with structure_files.reading(path):
         every: dict[int, Signal] = dict(enumerate(reader(file), 1))
     chosen = [one for k, one in every.items() if channel is None or str(channel) in (one.name, str(k))]
     if len(chosen) != 1:
@@ -86,7 +83,7 @@ def read(path: str | Path, unit: str | None, rate: float | str | None, channel: 
         raise InputError(f"rate = {rate}: it must be above 0 Hz, such as 50kHz")
     if not (hertz := hertz or signal.rate) and signal.times is None:
         raise InputError(f"rate missing: {path} has no rate and no times; give it in Hz, such as 50kHz")
-    with reading(f"{path}, channel {signal.name}"):
+    with structure_files.reading(f"{path}, channel {signal.name}"):
         values = factor * _checked(np.asarray(signal.values, dtype=float))
         return replace(signal, values=values, unit=unit, rate=hertz or _rate_of(np.asarray(signal.times)))
 
@@ -166,7 +163,7 @@ def _wav(file: Path) -> Iterator[Signal]:
 
 def _universal(file: Path) -> Iterator[Signal]:
     """Time responses, function type 1 of data sets 58, ASCII or binary."""
-    content, kinds = universal_file(file)
+    content, kinds = structure_files.universal_file(file)
     for one in (content.read_sets(int(place)) for place in np.flatnonzero(kinds == 58)):
         if one["func_type"] in (0, 1) and not np.iscomplexobj(one["data"]):
             name, unit = (one[key].strip().replace("NONE", "") for key in ("id1", "ordinate_axis_units_lab"))
@@ -234,7 +231,7 @@ def quiet_spells(values: Array, rate: float, band: tuple[float, float]) -> Array
 def lines(observer: observe.Observer) -> tuple[Array, Array]:
     """Frequencies of the spectral lines outside quiet spells, Hz, the strongest first, and levels below it, dB."""
     frequency, power = observer.moving.frequency, observer.moving.power
-    level = figures.decibels(power / max(power.max(), 1e-300))
+    level = series.decibels(power / max(power.max(), 1e-300))
     tops, _ = filters.find_peaks(level, prominence=PROMINENCE)
     tops = tops[np.argsort(-level[tops], kind="stable")][:LINES]
     tops = tops[level[tops] >= level[tops].max(initial=-np.inf) - DEPTH]
@@ -248,14 +245,3 @@ def velocity(signal: Signal) -> Signal:
         return replace(signal, values=convert(1.0, signal.unit, "m s-1", "what is drawn") * signal.values)
     except UnitError as problem:
         raise InputError(f"unit = {signal.unit}: {problem}; nothing is integrated") from None
-
-
-def draw(panels: Sequence[Axes], signal: Signal) -> None:
-    """A measured `velocity` in the last row of panels, mm/s, and its spectrum in all of the right column."""
-    time, frequency = np.arange(len(signal.values)) / signal.rate, series.frequencies(signal.rate).values / 1e3
-    power = figures.decibels(series.spectrum(signal.values, np.ones(len(time), dtype=bool), signal.rate))
-    panels[-2].set_title(f"measured: {signal.name}", loc="left")
-    panels[-2].set_ylabel("velocity / (mm/s)")
-    figures.trace(panels[-2], time, 1e3 * signal.values, color=figures.ORANGE)
-    for right in panels[1::2]:
-        right.plot(frequency, power, color=figures.ORANGE, linewidth=0.8, label="measured")

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import re
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # Units of files, and how a reader has them: unit and factor.
 READABLE = {
@@ -82,3 +86,24 @@ def words(array: xr.DataArray) -> np.ndarray:
     meanings = dict(zip(codes, texts, strict=True))
     found: np.ndarray = np.vectorize(lambda code: meanings.get(code, "-"), otypes=[object])(array.values)
     return found
+
+
+def frame(dataset: xr.Dataset, names: Sequence[str], along: str | Sequence[str] | None = None) -> pd.DataFrame:
+    """A table of variables and coordinates in a reader's units: heads are like "V mm/s", flags are words.
+
+    `along` has the dimensions of the rows, by default those that the variables have.
+    """
+    import pandas as pd
+
+    arrays = [dataset[name] for name in names]
+    dims = [along] if isinstance(along, str) else list(along or dict.fromkeys(d for a in arrays for d in a.dims))
+    columns = {}
+    for name, array in zip(names, xr.broadcast(*arrays), strict=True):
+        values = array.transpose(*dims) if set(array.dims) == set(dims) else array
+        if "flag_meanings" in array.attrs:
+            column: Any = words(values)
+        else:
+            column = readable(values).values
+        unit = unit_of(array)[0]
+        columns[f"{SYMBOLS.get(name, name)} {unit}".strip()] = np.ravel(column)
+    return pd.DataFrame(columns)

@@ -12,11 +12,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fivcore import ManyFlutterOnsets, Rig, checks, flutter_onsets_many
-from fivcore.rig import BEAM_PARAMETERS
+from fivcore import BEAM_PARAMETERS, ManyFlutterOnsets, Rig, checks, flutter_onsets_many
+from studies.declaring.parameters import RIG, SCENE, suggest
+from studies.declaring.spec import converted, finite, typed
 from studies.motion.run import BAND
-from studies.parameters import RIG, SCENE, suggest
-from studies.spec import converted, finite, typed
 from sweeps import InputError, Sample, quantiles, unit_draws
 
 if TYPE_CHECKING:

@@ -1,0 +1,1 @@
+"""What a study depends on: parameters, how their values are written, and how they are labelled."""
