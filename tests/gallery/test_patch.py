@@ -5,6 +5,7 @@ import pytest
 
 from fivcore import Rig, Scene, flutter_onsets, simulate
 from studies import registry
+from studies.asking.sweep import sweep_of
 from studies.gallery.patch import foot, onset, sliding
 from sweeps import InputError
 
@@ -38,4 +39,4 @@ def test_a_foot_that_leaves_the_beam_is_refused():
         ({"V": -1e-3}, "V = -0.001"),
     ):
         with pytest.raises(InputError, match=message):
-            registry.load("patch").sweep(values)
+            sweep_of(registry.load("patch"), values)
