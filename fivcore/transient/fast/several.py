@@ -88,7 +88,11 @@ class SeveralRun(Run):
             u[c:] -= 0.5 * step * (model.tangential @ rates - speed) * model.K.any()
             anchor = u[c:] + model.tangential @ moved + law.at_rest[c:] - 0.5 * step * speed
         matrix = law.matrix[np.append(np.full(c, STICK), status), np.arange(2 * c)]
-        work, places, counters = np.zeros((11, 2 * c)), np.zeros((2, 2 * c), int), np.zeros((c, kernels.COUNTERS))
+        work, places, counters = (
+            np.zeros((8, 2 * c)),
+            np.zeros((2, 2 * c), np.uint64),
+            np.zeros((c, kernels.COUNTERS)),
+        )
         self.motion = Motion(
             moved, rates, u, force, model.shapes @ rates, anchor, np.zeros(c), status.astype(np.int64),
             status.astype(np.int64), counters, matrix.copy(), np.eye(2 * c), work, places, np.zeros(n),
