@@ -40,42 +40,43 @@ def _dot(a: Array, b: Array) -> float:
 
 @kernel
 def lanczos(s: Array, damping: Array, w: Array, blocks: int) -> tuple[Array, Array, Array]:
-    """Gauss quadrature of sum w w^T / (1 - lambda s): nodes (k,), descending, their damping, and weights (2, k).
+    """Gauss quadrature of sum w w^T / (1 - lambda s): nodes (k,), descending, their damping, and weights (r, k).
 
-    `s` and `damping`, c / p, are (m,), `w` is (2, m), and k at most 2 blocks: a vector that is parallel to those
+    `s` and `damping`, c / p, are (m,), `w` is (r, m), and k at most r blocks: a vector that is parallel to those
     before it is left out. The damping is that of the projected modes by its diagonal, exact with Rayleigh's law.
     """
-    size, used, basis = 0, 0, np.zeros((2 * blocks, len(s)))
-    for j in range(2 * blocks):
-        if j >= 2 and used == size:
+    size, used, rows = 0, 0, len(w)
+    basis = np.zeros((rows * blocks, len(s)))
+    for j in range(rows * blocks):
+        if j >= rows and used == size:
             break
         new = basis[size]
-        new[:] = w[j] if j < 2 else s * basis[used]
-        used += j >= 2
+        new[:] = w[j] if j < rows else s * basis[used]
+        used += j >= rows
         length = np.sqrt(_dot(new, new))
         # Twice is enough (Parlett, The Symmetric Eigenvalue Problem, 1980, section 6-9).
         for i in range(2 * size):
             share = _dot(basis[i % size], new)
-            for row in range(len(s)):
-                new[row] -= share * basis[i % size, row]
+            for k in range(len(s)):
+                new[k] -= share * basis[i % size, k]
         rest = np.sqrt(_dot(new, new))
         if rest > 1e-13 * length:
             new /= rest
             size += 1
-    projected, shares = np.empty((size, size)), np.zeros((2, size))
+    projected, shares = np.empty((size, size)), np.zeros((rows, size))
     for i in range(size):
         scaled = s * basis[i]
         for j in range(i + 1):
             projected[i, j] = projected[j, i] = _dot(basis[j], scaled)
         # The rows are in the span of the first vectors.
-        for r in range(i, 2):
+        for r in range(i, rows):
             shares[r, i] = _dot(basis[i], w[r])
     nodes, turn = jacobi(projected)
-    weights, own, damped = np.zeros((2, size)), np.empty(size), np.any(damping)
+    weights, own, damped = np.zeros((rows, size)), np.empty(size), np.any(damping)
     for i in range(size):
         mode = np.zeros(len(s))
         for k in range(size):
-            for r in range(2):
+            for r in range(rows):
                 weights[r, i] += shares[r, k] * turn[k, i]
             if damped:
                 mode += turn[k, i] * basis[k]
@@ -119,8 +120,8 @@ def jacobi(matrix: Array) -> tuple[Array, Array]:
 
 @kernel
 def compressed(p: Array, c: Array, g: Array, far: NDArray[np.bool_], blocks: int) -> tuple[Array, Array, Array]:
-    """Modes p, c, (n,), and g, (2, n), with those that are `far`, (n,), replaced by at most 2 blocks."""
-    if np.sum(far) <= 2 * blocks:
+    """Modes p, c, (n,), and g, (r, n), with those that are `far`, (n,), replaced by at most r blocks."""
+    if np.sum(far) <= len(g) * blocks:
         return p, c, g
     s, near = 1.0 / p[far], ~far
     nodes, lost, weights = lanczos(s, c[far] * s, g[:, far] * np.sqrt(s), blocks)

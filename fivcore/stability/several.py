@@ -26,17 +26,18 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
-from fivcore.beams.modes import EPS, one_blas_thread
+from fivcore.beams.modes import EPS
+from fivcore.contact.compression import FAR, compressed
 from fivcore.errors import InputError
 from fivcore.friction import Friction
 from fivcore.jit import Array, Complex
-from fivcore.stability.exponents import LARGEST_PHI, pair
+from fivcore.stability.exponents import LARGEST_PHI, eigenvalues, pair
 from fivcore.structure import Structure
 
 # Cells of mu, and the shortest to which one is halved, as a share of mu_max; change of a rate that is rounding, as
-# a share of it; growth that is rounding without damping, as a share of |phi|; modes above FAR times the band's
-# square become BLOCKS for each row.
-CELLS, SHORTEST_CELL, FLAT, NEUTRAL, FAR, BLOCKS = 96, 1e-6, 1e-6, 1e-7, 40.0, 3
+# a share of it; growth that is rounding without damping, as a share of |phi|; modes for each row that replace far
+# ones.
+CELLS, SHORTEST_CELL, FLAT, NEUTRAL, BLOCKS = 96, 1e-6, 1e-6, 1e-7, 3
 # Real shift at which all is inverted.
 SHIFT = 1.3
 
@@ -72,8 +73,7 @@ class SlidingContacts:
             d = 1.0 / (self.p + SHIFT)
             held = np.linalg.solve((n * d) @ push.T, n * d)
             inverse = np.diag(d) - d[:, None] * (push.T @ held)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                values = 1.0 / np.linalg.eigvals(inverse).astype(complex) - SHIFT
+            values = eigenvalues(inverse[None], np.array([-SHIFT]))[0]
             # Constraints have none.
             values = values[np.abs(values) < 1e3 * (1.0 + np.abs(values).min())]
             d1, d2 = self.rayleigh
@@ -96,8 +96,7 @@ class SlidingContacts:
         ])  # fmt: skip
         forces = np.linalg.solve(matrix, np.vstack([-n @ soft, fall @ (SHIFT * soft + x)]))
         q = soft + d[:, None] * (np.vstack([push, t]).T @ forces)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(SHIFT + 1.0 / np.linalg.eigvals(np.vstack([q, SHIFT * q + x])).astype(complex))
+        return eigenvalues(np.vstack([q, SHIFT * q + x])[None], np.array([SHIFT]))[0]
 
     def shape(self, phi: complex, mu: float, k: Array | None = None) -> Complex:
         """Modal coordinates of an exponent, (n,): those of the forces that leave the normal gaps closed."""
@@ -122,31 +121,10 @@ def sliding_contacts(own: Structure, fmax: float, F: float | None = None, whole:
     p, c = own.stiffness / omega**2, own.damping / omega
     if rayleigh:
         c = rayleigh[0] + rayleigh[1] * p
-    far = p > FAR
-    if rayleigh and not whole and far.sum() > BLOCKS * len(rows):
-        p, rows = _compressed(p, rows, far)
-        c = rayleigh[0] + rayleigh[1] * p
+    if rayleigh and not whole:
+        p, c, rows = compressed(p, c, rows, p > FAR, BLOCKS)
     normal, tangential = np.split(rows, 2)
     return SlidingContacts(omega, p, c, normal, tangential, own.friction[closed], rayleigh)
-
-
-@one_blas_thread()
-def _compressed(p: Array, rows: Array, far: Any) -> tuple[Array, Array]:
-    """Squared frequencies and rows with some modes for all that are `far`: BLOCKS for each row."""
-    s = 1.0 / p[far]
-    w = (rows[:, far] * np.sqrt(s)).T
-    basis = np.zeros((len(s), 0))
-    new = w
-    for _ in range(BLOCKS):
-        for _ in range(2):
-            new = new - basis @ (basis.T @ new)
-        u, size, _ = np.linalg.svd(new / np.maximum(np.linalg.norm(new, axis=0), 1e-300), full_matrices=False)
-        basis = np.hstack([basis, u[:, size > 1e-10]])
-        new = s[:, None] * u[:, size > 1e-10]
-    nodes, turn = np.linalg.eigh(basis.T @ (s[:, None] * basis))
-    nodes = np.maximum(nodes, 1e-15 * nodes[-1])
-    some = (w.T @ basis @ turn) / np.sqrt(nodes)
-    return np.append(p[~far], 1.0 / nodes), np.hstack([rows[:, ~far], some])
 
 
 def steady_forces(own: Structure, mu: float, F: float) -> Array:

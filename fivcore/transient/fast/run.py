@@ -109,7 +109,7 @@ class FastRun(Run):
             elastic = model.stiffness > 0.0
             push = model.inertia[elastic] * scene.speed_per_load / self.ramp
             self.shift[elastic] = push / model.stiffness[elastic]
-            self.record["work"] -= self._ramp_work(q)
+            self.record["work"] -= ramp_work(self, q)
         else:
             v += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(q, v, u)
@@ -117,7 +117,7 @@ class FastRun(Run):
         record = self.record
         record["contact"], record["u_N"], record["u_T"] = contact, *u
         record["anchor"] = u[1] + model.tangential @ q + solver.at_rest[1]
-        self.place(*_move(model, q - self.shift, v, 0.5 * self.step))
+        self.place(*moved(model, q - self.shift, v, 0.5 * self.step))
         if initial is not None and initial.running:
             # Stick holds the surfaces where they are at the first impulse.
             u[1] -= 0.5 * self.step * (model.tangential @ v - scene.speed_per_load)
@@ -252,25 +252,19 @@ class FastRun(Run):
         self.phase = BEFORE_SLIP if self._refines else MOTION
         if not self.shift.any():
             return
-        model, ramp = self.model, self.ramp
-        push = model.inertia * self.scene.speed_per_load / ramp * (ramp - self.phase_end * self.step)
-        q, v = _move(model, self.shift, push, 0.5 * self.step)
-        before_q, before_v = self.between(self.solver)
-        self.record["work"] += self._ramp_work(before_q + self.shift)
-        self.record["work"] += np.sum(push * (before_v + 0.5 * push))
-        self.shift = np.zeros(len(q))
+        q, v = stopped(self, self.phase_end, *self.between(self.solver))
         self.place(self.values(layout.Q) + q, self.values(layout.V) + v)
 
     def between(self, solver: Solver) -> tuple[Array, Array]:
         """Displacements and velocities half a step ago, between two impulses."""
-        return _move(solver.model, self.values(layout.Q), self.values(layout.V), -0.5 * solver.step)
+        return moved(solver.model, self.values(layout.Q), self.values(layout.V), -0.5 * solver.step)
 
     def change_to(self, solver: Solver, state: tuple[Array, Array, Array], t: float) -> None:
         """Go on with another model and step from modes and u at time t, between two impulses."""
         q, v, u = state
         self._use(solver)
         self.shift = np.zeros(len(q))
-        self.place(*_move(solver.model, q, v, 0.5 * solver.step))
+        self.place(*moved(solver.model, q, v, 0.5 * solver.step))
         # A contact that sticks holds the surfaces at their place of the next impulse.
         drive = displacement(np.array(t + 0.5 * solver.step), self.scene.speed_per_load, self.ramp)
         shifted = float(self.record["g_T"][0]) + solver.at_rest[1] - float(drive)
@@ -284,11 +278,7 @@ class FastRun(Run):
     def stored_energy(self) -> float:
         """Energy of the modes about the equilibrium, the springs, the load and the ramp's push, normalised."""
         q = self.values(layout.Q) + self.shift
-        return self._energy_of(q, self.values(layout.V), self.u) - self._ramp_work(q)
-
-    def _ramp_work(self, q: Array) -> float:
-        """Work of the accelerating clamp on the inertia of P2 over modal displacements."""
-        return float(np.sum(self.model.stiffness * self.shift * q))
+        return self._energy_of(q, self.values(layout.V), self.u) - ramp_work(self, q)
 
     def _energy_of(self, q: Array, v: Array, u: Array) -> float:
         model, K = self.model, self.solver.contact.stiffness
@@ -339,7 +329,8 @@ def default_step(model: ReducedModel, scene: Normalised, duration: float) -> flo
     step = model.default_step
     if model.K.any() or isinstance(scene.rig, Rig):
         return step
-    catching = scene.speed_per_load / max(scene.mu * float(model.W[1, 1]), 1e-300)
+    W = np.diag(model.W)
+    catching = scene.speed_per_load / max(scene.mu * float(W[len(W) // 2 :].max()), 1e-300)
     return min(step, max(0.25 * catching, 1e-4 * step, least_step(model, duration)), 0.01 * duration)
 
 
@@ -361,7 +352,22 @@ def check_falling(model: ReducedModel, scene: Normalised, step: float) -> None:
     )
 
 
-def _move(model: ReducedModel, q: Array, v: Array, time: float) -> tuple[Array, Array]:
+def ramp_work(run: Any, q: Array) -> float:
+    """Work of the accelerating clamp on the inertia of P2 over modal displacements."""
+    return float(np.sum(run.model.stiffness * run.shift * q))
+
+
+def stopped(run: Any, end: int, before_q: Array, before_v: Array) -> tuple[Array, Array]:
+    """End a run's acceleration after `end` steps; what it adds to the modes, given as half a step before."""
+    push = run.model.inertia * run.scene.speed_per_load / run.ramp * (run.ramp - end * run.step)
+    q, v = moved(run.model, run.shift, push, 0.5 * run.step)
+    run.record["work"] += ramp_work(run, before_q + run.shift)
+    run.record["work"] += np.sum(push * (before_v + 0.5 * push))
+    run.shift = np.zeros(len(q))
+    return q, v
+
+
+def moved(model: ReducedModel, q: Array, v: Array, time: float) -> tuple[Array, Array]:
     """Free motion of the kept modes over any time, backwards too."""
     a, b, c, d = _flow(model, time)
     return a * q + b * v, c * q + d * v

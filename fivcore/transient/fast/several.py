@@ -20,7 +20,7 @@ from fivcore.contact.step_map import at_most
 from fivcore.errors import ContactError, SceneValueError, not_unique
 from fivcore.jit import Array
 from fivcore.transient.fast import several_kernel as kernels
-from fivcore.transient.fast.run import FAST_DECAY, least_step
+from fivcore.transient.fast.run import FAST_DECAY, default_step, least_step, moved, ramp_work, stopped
 from fivcore.transient.fast.several_kernel import Law, Motion, take_steps
 from fivcore.transient.normalised import Normalised, State, residual_gaps, status_of_all
 from fivcore.transient.options import RunOptions
@@ -77,20 +77,24 @@ class SeveralRun(Run):
             # In the accelerating frame elastic modes rest elsewhere.
             elastic = model.stiffness > 0.0
             self.shift[elastic] = (model.inertia * speed / self.ramp)[elastic] / model.stiffness[elastic]
-            self.record["work"] -= self._ramp_work(q)
+            self.record["work"] -= ramp_work(self, q)
         else:
             v += model.inertia * speed
         self._first_energy = self._energy_of(q, v)
-        moved, rates = _move(model, q - self.shift, v, 0.5 * step)
+        first, rates = moved(model, q - self.shift, v, 0.5 * step)
         anchor = u[c:] + model.tangential @ q + law.at_rest[c:]
         if runs:
             # Stick holds the surfaces where they are at the first impulse.
             u[c:] -= 0.5 * step * (model.tangential @ rates - speed) * model.K.any()
-            anchor = u[c:] + model.tangential @ moved + law.at_rest[c:] - 0.5 * step * speed
+            anchor = u[c:] + model.tangential @ first + law.at_rest[c:] - 0.5 * step * speed
         matrix = law.matrix[np.append(np.full(c, STICK), status), np.arange(2 * c)]
-        work, places, counters = np.zeros((11, 2 * c)), np.zeros((2, 2 * c), int), np.zeros((c, kernels.COUNTERS))
+        work, places, counters = (
+            np.zeros((8, 2 * c)),
+            np.zeros((2, 2 * c), np.uint64),
+            np.zeros((c, kernels.COUNTERS)),
+        )
         self.motion = Motion(
-            moved, rates, u, force, model.shapes @ rates, anchor, np.zeros(c), status.astype(np.int64),
+            first, rates, u, force, model.shapes @ rates, anchor, np.zeros(c), status.astype(np.int64),
             status.astype(np.int64), counters, matrix.copy(), np.eye(2 * c), work, places, np.zeros(n),
         )  # fmt: skip
         self._place_shift()
@@ -126,12 +130,8 @@ class SeveralRun(Run):
 
     def _end_ramp(self, end: int) -> None:
         """Stop the acceleration of the base, between the impulses of two steps."""
-        model, motion, ramp, step = self.model, self.motion, self.ramp, self.step
-        push = model.inertia * self.scene.speed_per_load / ramp * (ramp - end * step)
-        q, v = _move(model, self.shift, push, 0.5 * step)
-        before_q, before_v = _move(model, motion.q, motion.v, -0.5 * step)
-        self.record["work"] += self._ramp_work(before_q + self.shift) + np.sum(push * (before_v + 0.5 * push))
-        self.shift = np.zeros(len(q))
+        motion = self.motion
+        q, v = stopped(self, end, *moved(self.model, motion.q, motion.v, -0.5 * self.step))
         motion.q[:] += q
         motion.v[:] += v
         self._place_shift()
@@ -143,7 +143,7 @@ class SeveralRun(Run):
     def state(self) -> tuple[Array, Array, Array]:
         """Displacements from rest and velocities of the modes, and the gaps of the others, between two steps."""
         model, motion, step = self.model, self.motion, self.step
-        q, v = _move(model, motion.q, motion.v, -0.5 * step)
+        q, v = moved(model, motion.q, motion.v, -0.5 * step)
         u = motion.u + model.load_gap
         if model.K.any():
             drive = self.scene.speed_per_load * min(self.time / self.ramp if self.ramp else 1.0, 1.0)
@@ -187,10 +187,7 @@ class SeveralRun(Run):
     def stored_energy(self) -> float:
         """Energy of the modes about the equilibrium, the load and the ramp's push, normalised; no springs."""
         q = self.motion.q + self.shift
-        return self._energy_of(q, self.motion.v) - self._ramp_work(q)
-
-    def _ramp_work(self, q: Array) -> float:
-        return float(np.sum(self.model.stiffness * self.shift * q))
+        return self._energy_of(q, self.motion.v) - ramp_work(self, q)
 
     def _energy_of(self, q: Array, v: Array) -> float:
         model = self.model
@@ -237,10 +234,7 @@ def checked_step(model: ReducedModel, scene: Normalised, options: RunOptions) ->
         text = "a larger load or smaller gaps would"
         raise SceneValueError(f"F = {scene.load / scene.rig.preload:g}: it closes none of {c} contacts; {text}")
     if step is None:
-        step = model.default_step
-        if not model.K.any():
-            catching = scene.speed_per_load / max(scene.mu * float(np.diag(model.W)[c:].max()), 1e-300)
-            step = min(step, max(0.25 * catching, 1e-4 * step, least), 0.01 * options.duration)
+        step = default_step(model, scene, options.duration)
     if step > model.largest_step:
         raise SceneValueError(
             f"step = {step:g}: with these modes it must be at most {at_most(model.largest_step, 3)} s; beyond, the"
@@ -261,9 +255,3 @@ def checked_step(model: ReducedModel, scene: Normalised, options: RunOptions) ->
         text = f"{c} contacts: some {8e-10 * c**3 / step:.2g} s of computation for each simulated second"
         warn(f"{text}; fewer, or a lower cutoff, take less", stacklevel=2)
     return step
-
-
-def _move(model: ReducedModel, q: Array, v: Array, time: float) -> tuple[Array, Array]:
-    """Free motion of the kept modes over any time, backwards too."""
-    a, b, c, d = propagator(model.stiffness, model.damping, time)
-    return a * q + b * v, c * q + d * v

@@ -28,10 +28,11 @@ from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, count_s
 DOWN = 3
 # Most steps of Newton's method; most sweeps of Gauss-Seidel, the change in units of the largest force at which
 # they end, and that above which a step counts as unsolved.
-NEWTON, SWEEPS, SETTLED, UNSOLVED = 6, 100, 1e-12, 1e-7
+NEWTON, SWEEPS, SETTLED, UNSOLVED = 5, 100, 1e-12, 1e-7
 # Newton's method, and so often less one a few sweeps and again Newton's from the statuses that they found.
-ATTEMPTS, FEW = 12, 6
-LEAST_PIVOT = 1e-14
+ATTEMPTS, FEW = 12, 3
+# Least pivot; penetration of a contact that stays open.
+LEAST_PIVOT, NEVER = 1e-14, -1e300
 # Columns of the counters of a contact.
 STICK_TIME, SLIP_TIME, OPEN_TIME, SUM_N, MAX_N, SWITCHES, MAX_SLIP = range(7)
 COUNTERS = 7
@@ -92,13 +93,25 @@ class Motion(NamedTuple):
 
 
 @reordered
+def product(matrix: Any, i: int, x: Any) -> float:
+    """Row i of matrix times x."""
+    total = 0.0
+    for j in range(len(x)):
+        total += matrix[i, j] * x[j]
+    return total
+
+
+@inlined
 def multiply(matrix: Any, x: Any, y: Any) -> None:
     """Set y to matrix x."""
-    for i in range(matrix.shape[0]):
-        total = 0.0
-        for j in range(matrix.shape[1]):
-            total += matrix[i, j] * x[j]
-        y[i] = total
+    for i in range(len(y)):
+        y[i] = product(matrix, i, x)
+
+
+@inlined
+def after(i: int, count: int) -> Any:
+    """From i + 1 to count; unsigned numbers are no candidates for an index from the end."""
+    return range(np.uint64(i + 1), np.uint64(count))
 
 
 @reordered
@@ -117,12 +130,13 @@ def see(gaps: Any, q: Any, v: Any, g: Any, r: Any) -> None:
 
 @reordered
 def kick(gaps: Any, impulse: Any, push: Any) -> None:
-    """What impulses give the modes."""
+    """What impulses give the modes; of a contact that is open at rest and now there is none."""
     c = gaps.shape[0] // 2
     push[:] = 0.0
     for i in range(c):
-        for j in range(gaps.shape[1]):
-            push[j] += gaps[i, j] * impulse[i] + gaps[c + i, j] * impulse[c + i]
+        if impulse[i] != 0.0 or impulse[c + i] != 0.0:
+            for j in range(gaps.shape[1]):
+                push[j] += gaps[i, j] * impulse[i] + gaps[c + i, j] * impulse[c + i]
 
 
 @reordered
@@ -146,72 +160,56 @@ def observe(output: Any, damping: Any, v: Any, push: Any) -> Any:
 
 
 @reordered
-def factor(matrix: Any, kinetic: Any, status: Any, factors: Any, mine: Any, slides: Any, share: Any) -> bool:
-    """Set `factors` to those of the equations that statuses select; False if a pivot is not positive.
+def factor(matrix: Any, kinetic: Any, status: Any, factors: Any, mine: Any, slides: Any, share: Any) -> int:
+    """Set `factors` to those of the equations that statuses select; how many, or -1 if a pivot is not positive.
 
-    Unknown are N of what touches, with T = m N in slip, and T of what sticks. Row by row, without pivoting; the
-    inverse pivots are on the diagonal. `mine`, `slides` and `share` are work arrays: the columns of the unknowns.
+    Unknown are N of what touches, with T = m N in slip, and T of what sticks: columns `mine`, and with the share m
+    `slides`. There is no pivoting; the inverse pivots are on the diagonal.
     """
     c, count = len(status), 0
-    for place in range(2 * c):
-        i = place % c
-        if status[i] == STICK or (status[i] != SEPARATION and place < c):
-            mine[count], slides[count], share[count] = place, c + i, 0.0
+    for i in range(c):
+        if status[i] != SEPARATION:
+            mine[count], slides[count], share[count] = i, c + i, 0.0
             if status[i] != STICK:
                 share[count] = kinetic[i] if status[i] == SLIP else -kinetic[i]
             count += 1
-    for size in range(count):
-        row, of = factors[size], matrix[mine[size]]
-        for j in range(count):
-            row[j] = of[mine[j]] + share[j] * of[slides[j]]
-        for k in range(size):
-            part = row[k] * factors[k, k]
-            row[k] = part
-            for j in range(k + 1, count):
-                row[j] -= part * factors[k, j]
-        if not row[size] > LEAST_PIVOT:
-            return False
-        row[size] = 1.0 / row[size]
-    return True
-
-
-@reordered
-def solve(factors: Any, kinetic: Any, status: Any, b: Any, x: Any, f: Any) -> None:
-    """Set the forces to those of the statuses of which `factors` are."""
-    c, count = len(status), 0
-    for place in range(2 * c):
-        i = place % c
-        if status[i] == STICK or (status[i] != SEPARATION and place < c):
-            total = b[place]
-            for j in range(count):
-                total -= factors[count, j] * x[j]
-            x[count] = total
-            count += 1
-    for i in range(count - 1, -1, -1):
-        total = x[i]
-        for j in range(i + 1, count):
-            total -= factors[i, j] * x[j]
-        x[i] = total * factors[i, i]
-    count = 0
-    for i in range(c):
-        f[i], f[c + i] = 0.0, 0.0
-        if status[i] != SEPARATION:
-            f[i] = x[count]
-            f[c + i] = 0.0 if status[i] == STICK else kinetic[i] * x[count] * (1.0 if status[i] == SLIP else -1.0)
-            count += 1
     for i in range(c):
         if status[i] == STICK:
-            f[c + i] = x[count]
+            mine[count], slides[count], share[count] = c + i, c + i, 0.0
             count += 1
+    for i in range(count):
+        for j in range(count):
+            factors[i, j] = matrix[mine[i], mine[j]] + share[j] * matrix[mine[i], slides[j]]
+    for k in range(count):
+        if not factors[k, k] > LEAST_PIVOT:
+            return -1
+        inverse = 1.0 / factors[k, k]
+        factors[k, k] = inverse
+        for i in after(k, count):
+            part = factors[i, k] * inverse
+            factors[i, k] = part
+            for j in after(k, count):
+                factors[i, j] -= part * factors[k, j]
+    return count
 
 
 @reordered
-def product(row: Any, f: Any) -> float:
-    """Sum of the products of a row and the forces."""
-    total = 0.0
-    for j in range(len(f)):
-        total += row[j] * f[j]
-    return total
+def solve(count: int, factors: Any, mine: Any, slides: Any, share: Any, b: Any, x: Any, f: Any) -> None:
+    """Set the forces to those that the factors give."""
+    for i in range(count):
+        total = b[mine[i]]
+        for j in range(i):
+            total -= factors[i, j] * x[j]
+        x[i] = total
+    for i in range(count - 1, -1, -1):
+        total = x[i]
+        for j in after(i, count):
+            total -= factors[i, j] * x[j]
+        x[i] = total * factors[i, i]
+    f[:] = 0.0
+    for i in range(count):
+        f[slides[i]] = share[i] * x[i]
+        f[mine[i]] = x[i]
 
 
 @called
@@ -226,8 +224,8 @@ def gauss_seidel(law: Any, motion: Any, b: Any, sweeps: int) -> float:
         for i in range(c):
             t = c + i
             nn, nt, tn, tt = A[i, i], A[i, t], A[t, i], A[t, t]
-            rest_N, rest_T = others(A, f, b, i, t)
-            rest_N, rest_T = rest_N + nn * f[i] + nt * f[t], rest_T + tn * f[i] + tt * f[t]
+            rest_N = b[i] - product(A, i, f) + nn * f[i] + nt * f[t]
+            rest_T = b[t] - product(A, t, f) + tn * f[i] + tt * f[t]
             determinant = nn * tt - nt * tn
             N, T = (tt * rest_N - nt * rest_T) / determinant, (nn * rest_T - tn * rest_N) / determinant
             now = STICK
@@ -253,35 +251,25 @@ def gauss_seidel(law: Any, motion: Any, b: Any, sweeps: int) -> float:
     return change
 
 
-@reordered
-def others(A: Any, f: Any, b: Any, i: int, t: int) -> Any:
-    """Two rows of b - A f."""
-    x, y = b[i], b[t]
-    for j in range(len(f)):
-        x -= A[i, j] * f[j]
-        y -= A[t, j] * f[j]
-    return x, y
-
-
 @inlined
 def newton(
-    factors: Any, matrix: Any, b: Any, eligible: Any, mu: Any, kinetic: Any, was: Any, status: Any, f: Any, x: Any,
-    mine: Any, slides: Any, share: Any, stale: bool, counts: Any,
-) -> bool:  # fmt: skip
-    """Solve a step by its statuses; False if they do not settle. `stale`: `factors` are of others."""
+    factors: Any, matrix: Any, b: Any, mu: Any, kinetic: Any, was: Any, status: Any, f: Any, x: Any, mine: Any,
+    slides: Any, share: Any, count: int, counts: Any,
+) -> int:  # fmt: skip
+    """Solve a step by its statuses; how many equations `factors` are of, or -1 if statuses do not settle."""
     c = len(mu)
     for _ in range(NEWTON):
         counts[0] += 1
-        if stale:
-            counts[1] += 1
-            counts[2] += not factor(matrix, kinetic, status, factors, mine, slides, share)
-        solve(factors, kinetic, status, b, x, f)
+        if count < 0:
+            count = factor(matrix, kinetic, status, factors, mine, slides, share)
+            counts[1], counts[2] = counts[1] + 1, counts[2] + (count < 0)
+        solve(count, factors, mine, slides, share, b, x, f)
         stale = False
         for i in range(c):
             now, t = status[i], c + i
             new = now
             if now == SEPARATION:
-                if eligible[i] != 0.0 and b[i] > product(matrix[i], f):
+                if b[i] > product(matrix, i, f):
                     new = STICK
             elif not f[i] > 0.0:
                 new = SEPARATION
@@ -289,25 +277,14 @@ def newton(
                 m = mu[i] if was[i] == STICK else kinetic[i]
                 if abs(f[t]) > m * f[i]:
                     new = SLIP if f[t] > 0.0 else DOWN
-            elif (b[t] < product(matrix[t], f)) == (now == SLIP):
+            elif (b[t] < product(matrix, t, f)) == (now == SLIP):
                 new = STICK
             if new != now:
                 stale, status[i] = True, new
         if not stale:
-            return True
-    return False
-
-
-@called
-def relax(law: Any, motion: Any, b: Any, eligible: Any, before: Any, sweeps: int) -> float:
-    """Solve a step by Gauss-Seidel, from forces that become those found; the last change of them."""
-    motion.force[:] = before
-    for i in range(len(law.mu)):
-        if eligible[i] == 0.0:
-            b[i] = -1e300
-    change = gauss_seidel(law, motion, b, sweeps)
-    before[:] = motion.force
-    return change
+            return count
+        count = -1
+    return count
 
 
 @kernel
@@ -322,9 +299,9 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
         rest, at_rest, closed, mu, kinetic, falls, _, h, keep, _, rigid,
     ) = law  # fmt: skip
     q, v, u, f, after, anchor, slip, status, was, counters, matrix, factors, work, places, push = motion
-    g, r, b, mean, x, last, part = work[0], work[1], work[2], work[3], work[4], work[5], work[6]
-    share, impulse, base, eligible, mine, slides = work[7], work[8], work[9], work[10], places[0], places[1]
-    scene, c, gone, stale = scenes[0], len(mu), 1.0 - keep, True
+    g, r, b, mean, x, part = work[0], work[1], work[2], work[3], work[4], work[5]
+    share, impulse, mine, slides = work[6], work[7], places[0], places[1]
+    scene, c, gone, count, per_unit = scenes[0], len(mu), 1.0 - keep, -1, 1.0 / unit
     # The load's share of the rates.
     multiply(delassus, rest, share)
     for now in range(scene.now, scene.last):
@@ -342,36 +319,30 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
             if old != was[i]:
                 matrix[k] = by_status[old, k]
                 was[i] = old
-                stale |= old == STICK
+                count = -1 if old == STICK else count
             g[i], g[k] = at_rest[i] - g[i], g[k] + at_rest[k] - X
             r[i], r[k] = r[i] - share[i], r[k] - share[k] - drive
-            eligible[i] = 1.0 if old != SEPARATION or g[i] > keep * u[i] else 0.0
+            apart = old == SEPARATION and not g[i] > (0.0 if rigid else keep * u[i])
             if rigid:
                 # Where a contact or its stick begins, gaps do not change over the next move (`fast.kernel`).
                 b[i] = -(r[i] if old != SEPARATION else 0.75 * r[i] - 0.25 * after[i])
                 b[k] = -(r[k] if old == STICK else 0.75 * r[k] - 0.25 * after[k])
-                eligible[i] = 1.0 if old != SEPARATION or g[i] > 0.0 else 0.0
             else:
                 b[i] = g[i] - times[STICK] * r[i]
                 b[k] = (anchor[i] - g[k] if old == STICK else u[k]) - times[old] * r[k]
-            b[i], b[k] = b[i] / unit, b[k] / unit
-        for k in range(2 * c):
-            last[k] = f[k]
+            b[i], b[k] = NEVER if apart else b[i] * per_unit, b[k] * per_unit
         for attempt in range(ATTEMPTS):
             if falls or attempt > 0:
-                whole, stale = falls or attempt == ATTEMPTS - 1, True
-                change = relax(law, motion, b, eligible, last, SWEEPS if whole else FEW)
+                whole = falls or attempt == ATTEMPTS - 1
+                change = gauss_seidel(law, motion, b, SWEEPS if whole else FEW)
                 counts[3] += attempt < 2
                 if whole or change <= SETTLED:
                     counts[4] += change > UNSOLVED
                     break
-            if newton(
-                factors, matrix, b, eligible, mu, kinetic, was, status, f, x, mine, slides, part, stale, counts
-            ):
-                stale = False
+            count = newton(factors, matrix, b, mu, kinetic, was, status, f, x, mine, slides, part, count, counts)
+            if count >= 0:
                 break
         multiply(delassus, f, mean)
-        multiply(flexibility, f, base)
         taken, slips, opens, touching, sum_N, sum_T, fastest = 0.0, 0, 0, 0, 0.0, 0.0, 0.0
         for i in range(c):
             k, now_is, old = c + i, min(status[i], SLIP), was[i]
@@ -384,12 +355,12 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
                 slip_rate = 0.0
             else:
                 before += (times[SLIP] - times[STICK]) * mean[k] if old == STICK else 0.0
-                end = keep * before + gone * base[k]
+                end = keep * before + gone * product(flexibility, k, f)
                 slip_rate += (end - before) / h
             u[k] = end
             if now_is == SEPARATION:
                 first = g[i] if old != SEPARATION and g[i] > keep * u[i] else u[i]
-                u[i] = keep * first + gone * base[i] if not rigid else 0.0
+                u[i] = keep * first + gone * product(flexibility, i, f) if not rigid else 0.0
             else:
                 u[i] = g[i] if not rigid else 0.0
                 taken -= f[i] * mean[i] + f[k] * (mean[k] - slip_rate)
