@@ -28,8 +28,8 @@ from fivcore import (
 from studies.declaring import labels
 from studies.declaring.parameters import RIG, RUN, SCENE, rig_numbers
 from studies.declaring.spec import evenly
-from studies.gallery import hysteresis, knock
-from studies.motion import regimes, run, starts
+from studies.gallery import hysteresis
+from studies.motion import knock, regimes, run, starts
 from studies.motion.jobs import Job, run_all
 from studies.plotting import figures, general, planes
 from studies.study import Parameter, Study

@@ -25,8 +25,7 @@ from studies.answering.refinement import report
 from studies.answering.results import MAPS, configuration
 from studies.declaring import labels
 from studies.declaring.parameters import RUN, SLIDING, Parameter
-from studies.gallery import knock
-from studies.motion import ensemble, run, uncertainty
+from studies.motion import ensemble, knock, run, uncertainty
 from studies.motion.jobs import outcomes
 from studies.motion.stability import first_of, growths
 from studies.plotting import general
