@@ -8,17 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import (
-    InputError,
-    Scene,
-    SceneError,
-    State,
-    Structure,
-    checks,
-    modal_structure,
-    sliding_modes,
-    sliding_shape,
-)
+import fivcore
+from fivcore import InputError, Scene, SceneError, State, Structure, checks, sliding_modes, sliding_shape
 from studies.declaring.parameters import RUN, Parameter
 from studies.motion import run as runs
 from studies.motion.jobs import balanced, run_all
@@ -51,7 +42,7 @@ def directions(scene: Scene, names: Sequence[str], mode: int = 0, second_mode: i
     is the least stable. Their shapes leave the contact closed. A knock acts on P1 alone, of a structure from
     matrices on the bodies that are loaded, of one from modes on both sides of the contact.
     """
-    own = modal_structure(scene.rig, scene.theta).motion
+    own = fivcore.modal_structure(scene.rig, scene.theta).motion
     made = np.zeros((len(names), 2, len(own.stiffness)))
     for k, name in enumerate(names):
         if name == "knock":
