@@ -10,18 +10,8 @@ import numpy as np
 import xarray as xr
 from scipy.integrate import cumulative_trapezoid
 
-from fivcore import (
-    LimitCycle,
-    Rig,
-    Scene,
-    SceneError,
-    Transient,
-    UnsolvedError,
-    checks,
-    follow_cycle,
-    limit_cycle,
-    with_numerical_damping,
-)
+import fivcore
+from fivcore import LimitCycle, Rig, Scene, SceneError, Transient, UnsolvedError, checks, follow_cycle, limit_cycle
 from studies import paper
 from studies.answering.claims import is_papers_point
 from studies.declaring import labels
@@ -190,7 +180,7 @@ def cycle_values(
     scene: Scene, motion: Transient, most: int, numerical_damping: str, cutoff: float | None
 ) -> dict[str, Any]:
     """The limit cycle of a scene, and how near to it the motion is; NaN where none is found."""
-    damped = replace(scene, rig=with_numerical_damping(scene.rig, run.METHOD, numerical_damping))
+    damped = replace(scene, rig=fivcore.with_numerical_damping(scene.rig, run.METHOD, numerical_damping))
     cycle, d2 = sought(damped, cutoff, most) if most else (None, np.nan)
     values: dict[str, Any] = dict.fromkeys(CYCLE, np.nan) | {"cycle_d2": d2}
     if cycle is None:

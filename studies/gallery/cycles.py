@@ -11,25 +11,13 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from fivcore import (
-    CycleBranch,
-    LimitCycle,
-    Rig,
-    Scene,
-    SceneError,
-    State,
-    UnsolvedError,
-    checks,
-    equilibrium,
-    follow_cycle,
-    limit_cycle,
-    sliding_onsets,
-)
+import fivcore
+from fivcore import CycleBranch, LimitCycle, Rig, Scene, SceneError, State, checks, equilibrium, limit_cycle
 from studies.declaring import labels
 from studies.declaring.parameters import RIG, RUN, SCENE, rig_numbers
 from studies.declaring.spec import evenly
-from studies.gallery import hysteresis, knock
-from studies.motion import regimes, run, starts
+from studies.gallery import hysteresis
+from studies.motion import knock, regimes, run, starts
 from studies.motion.jobs import Job, run_all
 from studies.plotting import figures, general, planes
 from studies.study import Parameter, Study
@@ -111,7 +99,7 @@ def of_chain(
     padded = [*sorted(places), *[(np.nan, "", np.nan)] * PLACES][:PLACES]
     onsets = np.full(ONSETS, np.nan)
     if name in ("mu", "V", "F"):
-        crossed = sliding_onsets(chain[0], name, max(ends[0], 1e-12), ends[1], run.BAND)
+        crossed = fivcore.sliding_onsets(chain[0], name, max(ends[0], 1e-12), ends[1], run.BAND)
         rising = crossed.value[crossed.change > 0][:ONSETS]
         onsets[: len(rising)] = rising
     kept = {f"cycle_{key}": column for key, column in zip(KEPT, table.T, strict=True)}
@@ -137,7 +125,7 @@ def sought(
                     return None
                 ends = motion.final_state, ends[1]
             return limit_cycle(scene, ends, duration=2.0 * hold, **model)
-        except (UnsolvedError, SceneError):
+        except (fivcore.UnsolvedError, SceneError):
             continue
     return None
 
@@ -170,7 +158,7 @@ def side(cycle: LimitCycle, name: str, at: float, end: float, most: int) -> tupl
     """The branch to one side and what is kept of its cycles: parameter, frequency, RMS and largest multiplier."""
     branch = CycleBranch(name, np.array([at]), [cycle], [], name)
     if end != at:
-        branch = follow_cycle(cycle, name, end, most=most)
+        branch = fivcore.follow_cycle(cycle, name, end, most=most)
     kept = [
         (float(value), one.frequency, one.summary["velocity_rms"], one.summary["largest_multiplier"])
         for value, one in zip(branch.values, branch.cycles, strict=True)

@@ -16,14 +16,7 @@ from studies.declaring import labels
 from studies.declaring.spec import evenly
 from studies.motion.run import BAND
 from studies.plotting import figures
-from studies.plotting.modes import (
-    STABLE,
-    UNSTABLE,
-    mark_divergence,
-    mark_onsets,
-    mark_recoveries,
-    name_growing,
-)
+from studies.plotting.modes import STABLE, UNSTABLE, mark_divergence, mark_onsets, mark_recoveries, name_growing
 from studies.study import Claim, Parameter, Study
 from sweeps import Axis
 

@@ -9,24 +9,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore import (
-    Friction,
-    Rig,
-    Scene,
-    SceneError,
-    UnsolvedError,
-    flutter_onsets,
-    glued_frequencies,
-    limit_cycle,
-    lyapunov_exponent,
-    painleve_mu,
-)
+import fivcore
+from fivcore import Friction, Rig, Scene, SceneError, UnsolvedError, flutter_onsets, limit_cycle, painleve_mu
 from studies.answering.refinement import report
 from studies.answering.results import MAPS, configuration
 from studies.declaring import labels
 from studies.declaring.parameters import RUN, SLIDING, Parameter
-from studies.gallery import knock
-from studies.motion import ensemble, run, uncertainty
+from studies.motion import ensemble, knock, run, uncertainty
 from studies.motion.jobs import outcomes
 from studies.motion.stability import first_of, growths
 from studies.plotting import general
@@ -88,7 +77,7 @@ def contact_limit(rig: Rig, theta: Any, **options: Any) -> dict[str, Any]:
 
 def glued(rig: Rig, theta: Any) -> dict[str, Any]:
     """Natural frequencies of the beams glued at the contact."""
-    found = [glued_frequencies(rig, angle, len(GLUED)) for angle in np.ravel(theta).tolist()]
+    found = [fivcore.glued_frequencies(rig, angle, len(GLUED)) for angle in np.ravel(theta).tolist()]
     return dict(zip(GLUED, np.transpose(found), strict=True))
 
 
@@ -103,7 +92,7 @@ def chaos(scenes: Sequence[Scene], duration: float, **how: Any) -> dict[str, Any
     found, errors = list[tuple[float, float]](), list[SceneError | None]()
     for scene in scenes:
         try:
-            exponent = lyapunov_exponent(scene, duration, **how)
+            exponent = fivcore.lyapunov_exponent(scene, duration, **how)
             found.append((exponent.value, exponent.standard_error))
             errors.append(None)
         except SceneError as error:

@@ -10,11 +10,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import (
-    Scene,
-    Transient,
-    loading_time,
-)
+from fivcore import Scene, Transient, loading_time
 from studies import paper
 from studies.answering.claims import is_papers_rig
 from studies.answering.results import rig_of

@@ -49,8 +49,7 @@ def balanced(job: Job, result: Transient | SceneError) -> Transient | SceneError
 
 
 def outcomes(
-    points: Sequence[Sequence[Job]],
-    values: Callable[[Sequence[Job], Sequence[Transient]], Mapping[str, Any]],
+    points: Sequence[Sequence[Job]], values: Callable[[Sequence[Job], Sequence[Transient]], Mapping[str, Any]]
 ) -> dict[str, Any]:
     """Simulate the jobs of all points of a batch and return what a sweep's function returns.
 

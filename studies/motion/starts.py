@@ -8,18 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import (
-    InputError,
-    Scene,
-    SceneError,
-    State,
-    Structure,
-    checks,
-    modal_structure,
-    one_contact,
-    sliding_modes,
-    sliding_shape,
-)
+import fivcore
+from fivcore import InputError, Scene, SceneError, State, Structure, checks, sliding_modes, sliding_shape
 from studies.declaring.parameters import RUN, Parameter
 from studies.motion import run as runs
 from studies.motion.jobs import balanced, run_all
@@ -52,8 +42,8 @@ def directions(scene: Scene, names: Sequence[str], mode: int = 0, second_mode: i
     is the least stable. Their shapes leave the contact closed. A knock acts on P1 alone, of a structure from
     matrices on the bodies that are loaded, of one from modes on both sides of the contact.
     """
-    one_contact(scene.rig, "starts are those of one contact")
-    own = modal_structure(scene.rig, scene.theta).motion
+    fivcore.one_contact(scene.rig, "starts are those of one contact")
+    own = fivcore.modal_structure(scene.rig, scene.theta).motion
     made = np.zeros((len(names), 2, len(own.stiffness)))
     for k, name in enumerate(names):
         if name == "knock":

@@ -9,9 +9,9 @@ from scipy.stats import binomtest
 from fivcore import Friction, Rig, Scene, State, Structure, equilibrium, simulate, sliding_modes
 from studies.asking.sweep import sweep_of
 from studies.declaring.parameters import RUN
-from studies.gallery import hysteresis, knock, maps
+from studies.gallery import hysteresis, maps
 from studies.gallery.classics import block_of
-from studies.motion import starts
+from studies.motion import knock, starts
 
 OPTIONS = {"duration": None, "step": None, "cutoff": None, "numerical_damping": "none"}
 SCENE = Scene(5e-3, 5.0, 0.1, 9.0)

@@ -12,8 +12,8 @@ from fivcore.contact.reduced import default_cutoff, reduced_model
 from fivcore.transient.normalised import Normalised
 from studies.accuracy.rigs import drawn_scene
 from studies.declaring.parameters import RUN
-from studies.gallery import hysteresis, knock
-from studies.motion import regimes, starts
+from studies.gallery import hysteresis
+from studies.motion import knock, regimes, starts
 from tests.benchmarks.constants import apart, shares
 from tests.helpers.structures import beams
 
