@@ -334,11 +334,11 @@ def reordered(way: _Follower, before: _Point, beyond: _Point, place: float) -> _
             try:
                 scene, flow = way.flow(cycle.scene, value, cycle.flow)
                 other = closed(scene, flow, guess(cycle)[:1])
+                near = abs(np.ptp(other.velocity_B) / np.ptp(cycle.velocity_B) - 1.0) < NEAR
+                if near and [each[:2] for each in other.segments] not in turned:
+                    return way.point(other, value, sense(other, value - place or beyond.value - before.value))
             except (UnsolvedError, InputError):
                 continue
-            near = abs(np.ptp(other.velocity_B) / np.ptp(cycle.velocity_B) - 1.0) < NEAR
-            if near and [each[:2] for each in other.segments] not in turned:
-                return way.point(other, value, sense(other, value - place))
     return None
 
 
