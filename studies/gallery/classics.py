@@ -271,7 +271,5 @@ STUDY = Study(
     {"case": Parameter(np.array(list(CASES)), "1", "model and quantity")},
     OUTPUTS,
     classics,
-    derive=describe,
-    summary=summarise,
-    figure=draw,
-)
+    derive=describe, summary=summarise, figure=draw,
+)  # fmt: skip

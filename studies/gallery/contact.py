@@ -447,11 +447,5 @@ STUDY = Study(
     }
     | published(RUN),
     outputs=SERIES | OVERVIEW | START | CYCLE_SERIES | CYCLE | run.SUMMARY,
-    function=contacts,
-    coords=coords,
-    check=check,
-    summary=summarise,
-    figure=draw,
-    claims=CLAIMS,
-    chaotic=True,
-)
+    function=contacts, coords=coords, check=check, summary=summarise, figure=draw, claims=CLAIMS, chaotic=True,
+)  # fmt: skip

@@ -310,12 +310,6 @@ STUDY = Study(
         ),
     }
     | RUN,
-    outputs=OUTPUTS,
-    function=bifurcations,
-    coords=coords,
-    derive=hysteresis.derive,
-    summary=summarise,
-    figure=draw,
-    check=check,
-    chaotic=True,
-)
+    outputs=OUTPUTS, function=bifurcations, coords=coords, derive=hysteresis.derive, summary=summarise,
+    figure=draw, check=check, chaotic=True,
+)  # fmt: skip

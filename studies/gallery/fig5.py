@@ -128,11 +128,5 @@ STUDY = Study(
     paper="Section 3.4.2 and Fig. 5: below 10 kHz and mu = 0.5 three coalescences, first unstable at "
     "mu = 0.12 (2800 Hz), 0.16 (400 Hz) and 0.23 (7700 Hz).",
     parameters={"mu": Parameter(evenly(0.0, 0.5, 501), "1", "coefficient of friction")},
-    outputs=OUTPUTS,
-    function=modes,
-    coords=coords,
-    derive=derive,
-    summary=summarise,
-    figure=draw,
-    claims=CLAIMS,
-)
+    outputs=OUTPUTS, function=modes, coords=coords, derive=derive, summary=summarise, figure=draw, claims=CLAIMS,
+)  # fmt: skip

@@ -115,16 +115,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         f"Statistics and spectra start {run.SETTLING:g} s after the first slip; periodicity is the "
         "autocorrelation after 20 periods, line height that of the main line over the median around it."
     )
-    named = [
-        "V",
-        "regime",
-        "stick_fraction",
-        "slip_fraction",
-        "separation_fraction",
-        "velocity_rms",
-        "periodicity",
-        "line_height_dB",
-    ]
+    shares = [f"{state}_fraction" for state in ("stick", "slip", "separation")]
+    named = ["V", "regime", *shares, "velocity_rms", "periodicity", "line_height_dB"]
     yield "Motion", labels.frame(dataset, named)
     yield (
         "Begin and long sticks",
@@ -225,14 +217,6 @@ STUDY = Study(
         "sample_rate": Parameter(25e3, "Hz", "sampling rate of the series", common=True),
     }
     | published(RUN),
-    outputs=OUTPUTS,
-    function=histories,
-    coords=series.coords,
-    check=run.check,
-    derive=derive,
-    summary=summarise,
-    figure=draw,
-    claims=CLAIMS,
-    chaotic=True,
-    beams=True,
-)
+    outputs=OUTPUTS, function=histories, coords=series.coords, check=run.check, derive=derive, summary=summarise,
+    figure=draw, claims=CLAIMS, chaotic=True, beams=True,
+)  # fmt: skip

@@ -17,7 +17,7 @@ from studies.declaring.parameters import FRICTION, RIG, RUN, SCENE
 from studies.declaring.spec import evenly
 from studies.motion import ensemble, regimes, starts
 from studies.motion import run as runs
-from studies.motion.jobs import Job, balanced, run_all
+from studies.motion.jobs import Job, balanced, run_all, stacked
 from studies.motion.stability import linear_stability
 from studies.plotting import figures, general, planes
 from studies.study import Parameter, Study
@@ -50,15 +50,7 @@ def follow(
 ) -> dict[str, Any]:
     """The motion at each value of the parameter, up and down, of each point."""
     numbers = np.broadcast_to(member, len(chains)).tolist()
-    found = [loop(chain, number, hold, knock, run) for chain, number in zip(chains, numbers, strict=True)]
-    errors = [each if isinstance(each, Exception) else None for each in found]
-    done = [each for each in found if isinstance(each, dict)]
-    if not done:
-        assert errors[0] is not None
-        raise errors[0]
-    return {name: np.stack([(e if isinstance(e, dict) else done[0])[name] for e in found]) for name in done[0]} | {
-        "error": errors
-    }
+    return stacked([loop(chain, n, hold, knock, run) for chain, n in zip(chains, numbers, strict=True)])
 
 
 def loop(chain: Sequence[Scene], number: float, hold: float, knock: float, run: dict[str, Any]) -> Any:
@@ -259,15 +251,10 @@ STUDY = Study(
         ),
     }
     | RUN,
-    outputs=OUTPUTS,
-    function=follow,
+    outputs=OUTPUTS, function=follow,
     coords={
         "direction": Axis(np.array(DIRECTIONS), long_name="direction in which the parameter changes"),
         "number": Axis(np.arange(1, EXTREMA + 1), "1", "number of an extremum"),
     },
-    derive=derive,
-    summary=summarise,
-    figure=draw,
-    check=check,
-    chaotic=True,
-)
+    derive=derive, summary=summarise, figure=draw, check=check, chaotic=True,
+)  # fmt: skip

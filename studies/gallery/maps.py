@@ -10,13 +10,13 @@ import numpy as np
 import xarray as xr
 
 import fivcore
-from fivcore import Friction, Rig, Scene, SceneError, UnsolvedError, flutter_onsets, limit_cycle, painleve_mu
+from fivcore import Friction, Rig, Scene, UnsolvedError, flutter_onsets, limit_cycle, painleve_mu
 from studies.answering.refinement import report
 from studies.answering.results import MAPS, configuration
 from studies.declaring import labels
 from studies.declaring.parameters import RUN, SLIDING, Parameter
 from studies.motion import ensemble, knock, run, uncertainty
-from studies.motion.jobs import outcomes
+from studies.motion.jobs import each_scene, outcomes
 from studies.motion.stability import first_of, growths
 from studies.plotting import general
 from studies.study import Study
@@ -88,34 +88,27 @@ def motion(scenes: Sequence[Scene], members: int, **options: Any) -> dict[str, A
 
 
 def chaos(scenes: Sequence[Scene], duration: float, **how: Any) -> dict[str, Any]:
-    """The largest Lyapunov exponent of the motion of each scene, NaN where it has none."""
-    found, errors = list[tuple[float, float]](), list[SceneError | None]()
-    for scene in scenes:
-        try:
-            exponent = fivcore.lyapunov_exponent(scene, duration, **how)
-            found.append((exponent.value, exponent.standard_error))
-            errors.append(None)
-        except SceneError as error:
-            found.append((np.nan, np.nan))
-            errors.append(error)
-    return dict(zip(CHAOS, np.transpose(found), strict=True)) | {"error": errors}
+    """The largest Lyapunov exponent of the motion of each scene."""
+
+    def values(scene: Scene) -> dict[str, Any]:
+        exponent = fivcore.lyapunov_exponent(scene, duration, **how)
+        return dict(zip(CHAOS, (exponent.value, exponent.standard_error), strict=True))
+
+    return each_scene(scenes, values)
 
 
 def cycles(scenes: Sequence[Scene], duration: float | None, **how: Any) -> dict[str, Any]:
     """The limit cycle near which the motion of each scene is, NaN where none is found."""
-    found, errors = list[tuple[float, ...]](), list[SceneError | None]()
-    for scene in scenes:
-        values, error = (np.nan, np.nan, np.nan), None
+
+    def values(scene: Scene) -> dict[str, Any]:
         try:
             cycle = limit_cycle(scene, duration=duration or SEARCH * scene.rig.time_scale, **how)
-            values = (cycle.frequency, cycle.summary["velocity_rms"], float(cycle.stable))
         except UnsolvedError:
-            pass
-        except SceneError as problem:
-            error = problem
-        found.append(values)
-        errors.append(error)
-    return dict(zip(CYCLE, np.transpose(found), strict=True)) | {"error": errors}
+            return dict.fromkeys(CYCLE, np.nan)
+        found = cycle.frequency, cycle.summary["velocity_rms"], float(cycle.stable)
+        return dict(zip(CYCLE, found, strict=True))
+
+    return each_scene(scenes, values)
 
 
 def probability(rig: Rig, theta: Any, mu: Any, samples: int, seed: int, distributions: Any) -> dict[str, Any]:

@@ -255,11 +255,5 @@ STUDY = Study(
         "mu": Parameter(spec.evenly(0.0, 0.5, 201), "1", "coefficient of friction"),
     }
     | SLIDING,
-    outputs=OUTPUTS,
-    function=plane,
-    derive=derive,
-    summary=summarise,
-    figure=draw,
-    claims=CLAIMS,
-    normalised=True,
-)
+    outputs=OUTPUTS, function=plane, derive=derive, summary=summarise, figure=draw, claims=CLAIMS, normalised=True,
+)  # fmt: skip

@@ -159,12 +159,6 @@ STUDY = Study(
     }
     | ensemble.members(1)
     | ensemble.until(0.3, 6.0),
-    outputs=OUTPUTS,
-    function=motions,
-    coords=ensemble.coords,
-    check=ensemble.check,
-    summary=summarise,
-    figure=draw,
-    normalised=True,
-    chaotic=True,
-)
+    outputs=OUTPUTS, function=motions, coords=ensemble.coords, check=ensemble.check, summary=summarise,
+    figure=draw, normalised=True, chaotic=True,
+)  # fmt: skip

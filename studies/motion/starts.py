@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -91,24 +91,6 @@ def labels_of(scene: Scene, states: Sequence[State], options: Mapping[str, Any])
             raise result
         labels[k] = runs.REGIMES.index(result.summary["regime"])
     return labels
-
-
-def each(scenes: Sequence[Scene], values: Callable[[Scene], Mapping[str, Any]]) -> dict[str, Any]:
-    """Values of each scene, seen so that V > 0, with the `error` of those without; if all are, the first."""
-    found: list[Mapping[str, Any]] = []
-    errors: list[Exception | None] = []
-    for scene in scenes:
-        try:
-            found.append(values(scene if scene.V > 0.0 else scene.mirrored()))
-            errors.append(None)
-        except (SceneError, ValueError, ArithmeticError) as error:
-            errors.append(error)
-    if not found:
-        raise errors[0]  # type: ignore[misc]
-    # A failed point has values too, those of another point: the sweep drops them.
-    rows = iter(found)
-    whole = [found[0] if error else next(rows) for error in errors]
-    return {name: np.stack([row[name] for row in whole]) for name in found[0]} | {"error": errors}
 
 
 def check(V: Any, F: Any, duration: Any, step: Any, cutoff: Any, numerical_damping: Any) -> None:

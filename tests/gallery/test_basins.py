@@ -12,6 +12,7 @@ from studies.declaring.parameters import RUN
 from studies.gallery import hysteresis, maps
 from studies.gallery.classics import block_of
 from studies.motion import knock, starts
+from studies.motion.jobs import each_scene
 
 OPTIONS = {"duration": None, "step": None, "cutoff": None, "numerical_damping": "none"}
 SCENE = Scene(5e-3, 5.0, 0.1, 9.0)
@@ -145,7 +146,7 @@ def basin(scene):
         states = [State.of(seen, q, size * v) for size in (-1e-3, 1e-3, 1e-2)]
         return {"label": starts.labels_of(seen, states, OPTIONS | {"duration": 0.3})}
 
-    return starts.each([scene], labels)["label"].tolist()
+    return each_scene([scene], labels)["label"].tolist()
 
 
 def knocked(scene):
