@@ -92,6 +92,16 @@ def least_knock(data: xr.Dataset) -> str:
     return ", ".join(f"{1e3 * float(each):.2g} mN s at mu = {float(each['mu']):.3f}" for each in least)
 
 
+def between(data: xr.Dataset) -> str:
+    """The unstable cycles of the least damping: from where to where, and their frequency."""
+    point = data.isel(d2=0)
+    chosen = (point["cycle_multiplier"] >= 1.0).values
+    value, hertz = (point[f"cycle_{name}"].values[chosen] for name in ("value", "frequency"))
+    fold = f"{point['place_text'][0].item()} at {float(point['place_value'][0]):.4f}"
+    ends = " to ".join(f"{end:.0f}" for end in (hertz.min(), hertz.max()))
+    return f"an unstable period of {ends} Hz, found from mu = {value.max():.3f} down to a {fold}"
+
+
 QUESTIONS = (
     Question("1. Where does my rig begin to squeal?", "fiv run fig5 --set p1_length=50mm", onset),
     Question(
@@ -115,6 +125,7 @@ QUESTIONS = (
         "fiv run hysteresis",
         both_stable,
     ),
+    Question("6. Which limit cycle is between the two?", "fiv run cycles", between),
     Question("6. Which share of all starts vibrates there?", "fiv run basins", vibrating),
     Question(
         "6. How strong a knock starts the vibration?",
