@@ -25,6 +25,8 @@ OUTPUTS: dict[str, Variable] = {
     name: replace(variable, scale="load") if name in run.SCALED else variable
     for name, variable in run.SUMMARY.items()
 } | {"simulated_time": Variable("s", "simulated time")}
+# Shown of each contact.
+OF_CONTACT = ("stick_fraction", "separation_fraction", "mean_normal_force")
 BY_CONTACT = {
     name: replace(variable, scale="load") if name.removeprefix("contact_") in run.SCALED else variable
     for name, variable in run.CONTACTS.items()
@@ -73,10 +75,11 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     more = f" (the first {MOST_ROWS} of {points.sizes['point']})" if points.sizes["point"] > MOST_ROWS else ""
     yield f"Scenes{more}", table
     if "contact" in dataset.dims:
-        names = [*COLUMNS[:4], "contact", *(name for name in BY_CONTACT if "contact" in dataset[name].dims)]
+        names = [*COLUMNS[:4], "contact", *(f"contact_{name}" for name in OF_CONTACT)]
         first = dataset[names].stack(point=dataset["status"].dims, create_index=False)
         first = first.isel(point=slice(max(MOST_ROWS // dataset.sizes["contact"], 1)))
-        yield "Contacts", labels.frame(first, names, along=["point", "contact"])
+        table = labels.frame(first, names, along=["point", "contact"])
+        yield "Contacts", table.rename(columns=lambda head: str(head).removeprefix("contact_"))
 
 
 def draw(dataset: xr.Dataset) -> Figure:
