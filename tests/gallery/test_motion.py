@@ -184,7 +184,8 @@ def test_a_scene_without_a_unique_solution_fails_alone(computed):
 def test_recorded_series_are_the_motion(computed, V):
     theta = 5.0 if V > 0 else -5.0
     rate, values = 40e3, SHORT | {"V": [V, 3.1 * V], "theta": [theta, -theta], "mu": 0.2, "F": [3.0, 9.0]}
-    data = computed("scenes", record=tuple(series.SERIES), sample_rate=rate, **values)
+    names = tuple(name for name in series.SERIES if not name.startswith("contact_"))
+    data = computed("scenes", record=names, sample_rate=rate, **values)
     times = data["elapsed"].values
     np.testing.assert_array_equal(times, np.arange(6000) / rate)
     for F in (3.0, 9.0):
