@@ -16,8 +16,7 @@ from fivcore import CycleBranch, LimitCycle, Rig, Scene, SceneError, State, chec
 from studies.declaring import labels
 from studies.declaring.parameters import RIG, RUN, SCENE, rig_numbers
 from studies.declaring.spec import evenly
-from studies.gallery import hysteresis
-from studies.motion import knock, regimes, run, starts
+from studies.motion import following, knock, regimes, run, starts
 from studies.motion.jobs import Job, run_all
 from studies.plotting import figures, general, planes
 from studies.study import Parameter, Study
@@ -44,7 +43,7 @@ PLACE = {
     "place_text": Variable("1", "what happens there", ("place",), "str"),
     "place_number": Variable("1", "index of the cycle there", ("place",)),
 }
-OUTPUTS = {n: v for n, v in hysteresis.OUTPUTS.items() if n not in ("extremum", "mapping_error")} | {
+OUTPUTS = {n: v for n, v in following.OUTPUTS.items() if n not in ("extremum", "mapping_error")} | {
     **{n: replace(v, dims=("followed",), scale="") for n, v in knock.OUTPUTS.items()},
     **CYCLE, **PLACE,
     "onset_value": Variable("1", "onset of flutter of steady sliding", ("onset",)),
@@ -55,7 +54,7 @@ def bifurcations(
     chains: Sequence[tuple[Scene, ...]], follow: str, hold: float, most: int, edges: int, **how: Any
 ) -> dict[str, Any]:
     """Hysteresis, knock thresholds and branches of limit cycles of each chain of scenes."""
-    found = hysteresis.follow(chains, 1.0, hold, **how)
+    found = following.follow(chains, 1.0, hold, **how)
     rows = [of_chain(*each, follow, hold, most, edges, how) for each in zip(chains, found["regime"], strict=True)]
     return {n: v for n, v in found.items() if n in OUTPUTS or n == "error"} | {
         name: np.stack([row[name] for row in rows]) for name in rows[0]
@@ -176,7 +175,7 @@ def check(V: Any, hold: Any, **others: Any) -> None:
     """Refuse what cannot be run."""
     if np.min(V) <= 0.0:
         raise InputError(f"V = {np.min(V):g}: it must be above 0; (-theta, -V) is the mirror image of (theta, V)")
-    hysteresis.check(hold, V, member=1.0, **others)
+    following.check(hold, V, member=1.0, **others)
 
 
 def coords(most: int, edges: int) -> dict[str, Axis]:
@@ -184,7 +183,7 @@ def coords(most: int, edges: int) -> dict[str, Axis]:
     checks.count("most", most, 1000)
     checks.count("edges", edges, 20)
     sizes = {"number": (edges + 1) * 2 * most, "place": PLACES, "onset": ONSETS}
-    return {"direction": hysteresis.STUDY.coords["direction"]} | {  # type: ignore[index]
+    return {"direction": following.COORDS["direction"]} | {
         name: Axis(np.arange(1, size + 1), "1", f"number of a {name}") for name, size in sizes.items()
     }
 
@@ -199,7 +198,7 @@ def each_point(dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """Where there are stable and unstable cycles, where they begin and end, and what runs say beside them."""
-    name, rows = hysteresis.followed(dataset), []
+    name, rows = following.followed(dataset), []
     unit, factor = labels.unit_of(dataset[name])
     for text, point in each_point(dataset):
         value, hertz, multiplier = (point[f"cycle_{key}"].values for key in ("value", "frequency", "multiplier"))
@@ -218,7 +217,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         parts += [
             f"{what} at {', '.join(f'{factor * x:.5g}' for x in at)}" for what, at in found.items() if len(at)
         ]
-        if both := hysteresis.interval(point):
+        if both := following.interval(point):
             parts.append(f"runs up and down differ from {factor * both[0][0]:.4g} to {factor * both[1][0]:.4g}")
         knocks = labels.readable(point["knock_threshold"].dropna(name)).values
         if len(knocks):
@@ -244,7 +243,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     for axes, text in zip(grid[:, 0], SIDES, strict=True):
         axes.set_ylabel(text)
     figures.legend_below(figure, panels, 3 if len(chosen) > 1 else 2)
-    name = hysteresis.followed(dataset)
+    name = following.followed(dataset)
     at = ", ".join(labels.named(n, dataset[n]) for n in SCENE if n in dataset.coords and not dataset[n].ndim)
     title = f"Limit cycles over {labels.title(name)}, {at}{planes.of_all(chosen, len(points))}"
     figure.suptitle(figures.fitted(title, width))
@@ -258,7 +257,7 @@ BIRTH, ENDS, MARKERS = "birth from steady sliding", "branch not followed further
 
 def _draw_point(column: Any, point: xr.Dataset) -> None:
     """Branches, solid where stable; places on them; runs, onsets and thresholds."""
-    name = hysteresis.followed(point)
+    name = following.followed(point)
     factor, x = labels.unit_of(point[name])[1], labels.readable(point[name]).values
     cycles = {each: point[f"cycle_{each}"].values for each in KEPT}
     value, stable, rms = factor * cycles["value"], cycles["multiplier"] < 1.0, 1e3 * cycles["rms"]
@@ -283,7 +282,7 @@ def _draw_point(column: Any, point: xr.Dataset) -> None:
     knocks, errors = (labels.readable(point[each]).values for each in knock.OUTPUTS)
     look: dict[str, Any] = {"fmt": "o", "color": figures.BLACK, "markersize": 4.0}
     column[3].errorbar(x, knocks, errors, label="knock that starts vibration", **look)
-    ends, onsets = hysteresis.interval(point), point["onset_value"].dropna("onset").values
+    ends, onsets = following.interval(point), point["onset_value"].dropna("onset").values
     for axes in column:
         for onset in onsets:
             axes.axvline(factor * onset, color=figures.BLACK, linestyle=":", label="onset of flutter")
@@ -302,7 +301,7 @@ STUDY = Study(
     parameters={
         "d2": replace(RIG["d2"], default=np.array([1e-8, 1e-6])),
         "mu": Parameter(evenly(0.08, 0.125, 46), "1", SCENE["mu"].text, inner=True),
-        "follow": Parameter("mu", "1", "parameter that is followed", hysteresis.FOLLOWED, common=True),
+        "follow": Parameter("mu", "1", "parameter that is followed", following.FOLLOWED, common=True),
         "hold": Parameter(0.25, "s", "time of statistics at each value of the runs", common=True),
         "most": Parameter(60, "1", "most cycles of a branch to each side", common=True),
         "edges": Parameter(
@@ -310,6 +309,6 @@ STUDY = Study(
         ),
     }
     | RUN,
-    outputs=OUTPUTS, function=bifurcations, coords=coords, derive=hysteresis.derive, summary=summarise,
+    outputs=OUTPUTS, function=bifurcations, coords=coords, derive=following.derive, summary=summarise,
     figure=draw, check=check, chaotic=True,
 )  # fmt: skip

@@ -191,7 +191,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     points(growth, theta, decays, "least stable mode, where it decays", color=figures.GREEN, markersize=3.0)
     growth.margins(y=0.15)
     growth.set_ylabel("growth rate / (1/s)")
-    edges, below = planes.edges(theta), np.zeros(len(theta))
+    edges, below = spec.edges(theta), np.zeros(len(theta))
     cells: dict[str, Any] = {"x": edges[:-1], "width": np.diff(edges), "align": "edge"}
     for state, colour in planes.STATE_COLOURS.items():
         part = np.nan_to_num(dataset[f"{state}_fraction"].values)

@@ -13,6 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from studies.declaring import labels
+from studies.declaring.spec import edges, is_logarithmic
 from studies.motion.mixed import several
 from studies.motion.regimes import KINDS
 from studies.plotting import figures
@@ -36,31 +37,10 @@ MIXED: dict[str, Any] = {"marker": "D", "markersize": 6.0, "color": "white", "ma
 MIXED |= {"linestyle": "none", "label": "realisations follow\ndifferent motions"}
 # Area of the mark of a motion that all realisations follow, square points.
 LARGEST = 40.0
-# From this ratio of its ends on an axis is logarithmic; up to so many values each has a tick.
-WIDE, FEW = 20.0, 2
+# Up to so many values of an axis each has a tick.
+FEW = 2
 # Planes across and down.
 PANELS = (4, 3)
-
-
-def is_logarithmic(values: Any) -> bool:
-    """Whether ascending values read better on a logarithmic axis: they span much, and their steps grow."""
-    wide = values[0] > 0.0 and values[-1] >= WIDE * values[0]
-    return bool(wide and (len(values) == 2 or values[-1] - values[-2] >= 2.0 * (values[1] - values[0])))
-
-
-def edges(values: NDArray[Any]) -> NDArray[Any]:
-    """Ends of the cell of each ascending value, half-way to its neighbours; in logarithms on such an axis."""
-    if len(values) == 1:
-        reach = 0.5 * abs(float(values[0])) or 0.5
-        return np.array([values[0] - reach, values[0] + reach])
-    if is_logarithmic(values):
-        return np.asarray(np.exp(_half_way(np.log(values))))
-    return _half_way(values)
-
-
-def _half_way(values: NDArray[Any]) -> NDArray[Any]:
-    middle = 0.5 * (values[1:] + values[:-1])
-    return np.concatenate([[2.0 * values[0] - middle[0]], middle, [2.0 * values[-1] - middle[-1]]])
 
 
 def set_side(axes: Axes, side: str, array: xr.DataArray) -> NDArray[Any]:

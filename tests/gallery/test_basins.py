@@ -9,9 +9,9 @@ from scipy.stats import binomtest
 from fivcore import Friction, Rig, Scene, State, Structure, equilibrium, simulate, sliding_modes
 from studies.asking.sweep import sweep_of
 from studies.declaring.parameters import RUN
-from studies.gallery import hysteresis, maps
+from studies.gallery import maps
 from studies.gallery.classics import block_of
-from studies.motion import knock, starts
+from studies.motion import following, knock, starts
 from studies.motion.jobs import each_scene
 
 OPTIONS = {"duration": None, "step": None, "cutoff": None, "numerical_damping": "none"}
@@ -154,7 +154,7 @@ def knocked(scene):
 
 
 def followed(scene):
-    found = hysteresis.follow(
+    found = following.follow(
         [(scene, replace(scene, mu=0.32))], 1.0, 0.2, **{name: each.default for name, each in RUN.items()}
     )
     return np.nan_to_num(np.abs(found["velocity_rms"]), nan=-1.0).tolist()
