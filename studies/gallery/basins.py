@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -25,9 +25,6 @@ from studies.motion.uncertainty import wilson
 from studies.plotting import figures, general, planes
 from studies.study import Parameter, Study
 from sweeps import Axis, Variable, unit_draws
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # Draws between two looks at the shares; where a point has no more draws; values of a parameter with a plane each.
 BATCH, NONE, PANELS = 16, -1, 4
@@ -157,7 +154,7 @@ def _occurring(dataset: xr.Dataset) -> list[str]:
     return [str(kind) for kind in dataset["kind"].values[(dataset["share"] > 0.0).any(others).values]]
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Shares along the longest parameter; below, the starts by their motion.
 
     Starts along one coordinate stand over the parameter, those in a plane in panels for up to four values of it.
@@ -187,7 +184,7 @@ def draw(dataset: xr.Dataset) -> Figure:
         if str(dataset["starts_are"].values) == "plane" and np.prod(grid) == one.sizes["draw"]:
             codes = one["label"].values.astype(float).reshape(grid)
             plane = xr.DataArray(codes, coords={name: dataset[name] for name in moved}, dims=moved)
-            planes.regimes(axes, plane.where(plane >= 0, planes.FAILED), *moved)
+            planes.classes(axes, plane.where(plane >= 0, planes.FAILED), *moved)
         else:
             _draw_starts(axes, labels.readable(sides[0]).values, sides[1], one["label"])
             axes.set_xlabel(labels.label(dataset[moved[0]]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -34,9 +34,6 @@ from studies.motion.jobs import Job, run_all
 from studies.plotting import figures, general, planes
 from studies.study import Parameter, Study
 from sweeps import Axis, InputError, Variable
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # Settings of the search for a threshold that keep their usual values.
 KNOCK = {name: knock.PARAMETERS[name].default for name in ("largest_knock", "resolution")}
@@ -241,7 +238,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield "Places where a branch changes", pd.DataFrame(rows, columns=["point", labels.title(name), "what"])
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """A column for each point: size, frequency and multiplier of cycles, and knocks, over the parameter."""
     if not bool(np.isfinite(dataset["regime"]).any()):
         return general.draw(dataset)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,10 +22,6 @@ from studies.motion.jobs import Job, outcomes
 from studies.plotting import figures, planes
 from studies.study import Study
 from sweeps import DONE, Axis, Variable
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Motions = Mapping[str, Mapping[str, Any]]
 Rule = Callable[[Motions], Any]
@@ -222,7 +218,7 @@ MARKS: dict[str, dict[str, Any]] = {
 }
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """How many statements hold over the plane, and where each of those holds that depend on the damping."""
     dataset = dataset.where(dataset["status"] == DONE)
     names, share = dataset["statement"].values, holding(dataset)
@@ -251,7 +247,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     return figure
 
 
-def _draw_held(axes: Axes, dataset: xr.Dataset) -> list[Any]:
+def _draw_held(axes: figures.Axes, dataset: xr.Dataset) -> list[Any]:
     """Number of statements that hold, lines of equal modal damping, and points; the handles of the legend."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.lines import Line2D
@@ -274,7 +270,7 @@ def _draw_held(axes: Axes, dataset: xr.Dataset) -> list[Any]:
     return handles + planes.marks(axes, zip(d1.values[best], d2.values[best], strict=True), **look)
 
 
-def _mark(axes: Axes, dataset: xr.Dataset, size: float) -> list[Any]:
+def _mark(axes: figures.Axes, dataset: xr.Dataset, size: float) -> list[Any]:
     """Mark the printed damping and the identified one."""
     handles = []
     for name, damping in {"printed": PRINTED, "identified": identified(dataset)}.items():

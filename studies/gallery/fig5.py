@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -26,9 +26,6 @@ from studies.plotting.modes import (
 )
 from studies.study import Claim, Parameter, Study
 from sweeps import Axis
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # A file has room for at least so many modes that enter the band as friction rises, and for as many by which rigs
 # of one file differ.
@@ -99,7 +96,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
             yield caption, labels.frame(unstable, ["mode", "frequency", "growth_rate"])
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Branches over mu as in the paper, unstable ones in colour, and their growth rates below."""
     figure, (top, bottom) = figures.panels(
         2, 1, 15.0, 16.0, sharex=True, gridspec_kw={"height_ratios": (3.0, 1.5)}

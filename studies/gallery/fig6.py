@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -20,9 +20,6 @@ from studies.motion import run, scenes
 from studies.plotting import figures
 from studies.study import Claim, Study
 from sweeps import Axis, InputError
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # The pair is followed from its onset, in steps so small that it is nearest to itself, over whole intervals of mu.
 MU_MAX, STEP, INTERVAL, MOST_MU = 1.0, 2e-4, 0.2, 4.0
@@ -120,7 +117,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield f"The modes at mu = {float(start['mu']):g}", labels.frame(start, ["mode", "frequency", "growth_rate"])
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Root locus above, the shape at lock-in below."""
     figure, (locus, shape) = figures.panels(2, 1, 17.0, 17.0, height_ratios=(1.5, 1.0))
     mu, onset, hertz = dataset["mu"].values, float(dataset["lock_in_mu"]), float(dataset["lock_in_frequency"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,9 +22,6 @@ from studies.motion.stability import linear_stability
 from studies.plotting import figures, general, planes
 from studies.study import Parameter, Study
 from sweeps import Axis, InputError, Variable
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 DIRECTIONS = ("up", "down")
 # Extrema of the velocity of B that are kept, and how long they are looked for, s.
@@ -205,7 +202,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield "Motion at each value, first loop", table
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Extrema of the velocity of B both ways, and growth rates."""
     if not bool(np.isfinite(dataset["regime"]).any()):
         return general.draw(dataset)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,10 +23,6 @@ from studies.motion.uncertainty import MOST_SAMPLES, MU_MAX, USUAL
 from studies.plotting import figures, planes
 from studies.study import Study
 from sweeps import DONE, Axis, InputError, Variable
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 # Fractions of rigs in the table, contours in the figure, parameters in both; total index of a dominant parameter.
 RISKS = (0.01, 0.05, 0.5, 0.95, 0.99)
@@ -125,7 +121,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield "Uncertain parameters", uncertainty.table({name: at[name].distribution for name in at.parameter.values})
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Probability over inclination and friction; at the angle next to the paper's, what it depends on."""
     at, whole = ranked(dataset), min(dataset.sizes["theta"], dataset.sizes["mu"]) > 1
     layout = [["plane", "plane"]] * whole + [["along", "rigs"], ["bars", "bars"]]
@@ -162,7 +158,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     return figure
 
 
-def _draw_plane(axes: Axes, dataset: xr.Dataset) -> None:
+def _draw_plane(axes: figures.Axes, dataset: xr.Dataset) -> None:
     """Probability as lightness, its contours, and where the nominal rig becomes unstable."""
     share = dataset["probability_unstable"].transpose("mu", "theta")
     theta, mu = share["theta"].values, share["mu"].values

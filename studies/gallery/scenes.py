@@ -14,7 +14,7 @@ from studies import paper
 from studies.declaring import labels
 from studies.motion import ensemble, regimes, run, series
 from studies.motion.jobs import Job, outcomes
-from studies.plotting import general
+from studies.plotting.regimes import draw_planes
 from studies.study import Parameter, Study
 from sweeps import Variable
 
@@ -88,7 +88,7 @@ STUDY = Study(
     function=motions,
     check=check,
     summary=summarise,
-    figure=general.draw_regimes,
+    figure=draw_planes,
     normalised=True,
     chaotic=True,
 )  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,10 +23,6 @@ from studies.motion.uncertainty import UNCERTAIN
 from studies.plotting import figures, planes
 from studies.study import Study
 from sweeps import Axis, InputError, Variable
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 # Relative change of a parameter. Friction is a function of frequency, which tells onsets apart: further than SAME
 # from the predicted frequency an onset may be another, born where this one met a recovery.
@@ -138,7 +134,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         yield f"{one['text'].item()} {where}: change in % for 1 % more of", table
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """A row for each pair: sensitivities by size with the change by 1 % more, and the first over theta."""
     at = ranked(dataset)
     strongest = [name for name in at["parameter"].values.tolist() if name != "theta"]
@@ -164,7 +160,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     return figure
 
 
-def _draw_bars(axes: Axes, one: xr.Dataset, looks: dict[str, tuple[str, str]]) -> None:
+def _draw_bars(axes: figures.Axes, one: xr.Dataset, looks: dict[str, tuple[str, str]]) -> None:
     """Sensitivities, the largest at the top; circles where the onset is when the parameter is 1 % larger."""
     one = one.isel(parameter=np.argsort(abs(one["elasticity_mu"]).fillna(0.0).values, kind="stable"))
     values, names = one["elasticity_mu"].fillna(0.0).values, one["parameter"].values.tolist()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,9 +27,6 @@ from studies.motion.stability import (
 from studies.plotting import figures, general, planes
 from studies.study import Claim, Study
 from sweeps import Variable
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 OUTPUTS = {
     "growth_rate": Variable("s-1", "largest growth rate of steady sliding below 10 kHz", (), "float32", digits=4),
@@ -166,7 +163,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield "Over the plane", pd.DataFrame(rows.items(), columns=["quantity", "value"])
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Growth rate over the plane with the branches; below, frequency and number of unstable pairs."""
     from matplotlib.colors import ListedColormap, LogNorm
 

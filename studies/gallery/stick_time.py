@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,9 +23,6 @@ from studies.motion.run import SETTLING
 from studies.plotting import figures, planes
 from studies.study import Claim, Study
 from sweeps import Axis, Variable
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # So many sticks of a run are stored one by one; its counts and totals are of all.
 KEPT = 64
@@ -138,7 +135,7 @@ def means(at: xr.Dataset, kind: str) -> np.ndarray:
     return np.where(enough, values, np.nan)
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Stick times by speed, their departure from 1 / V, their distribution, and all mu and F in one."""
     figure, panels = figures.panels(2, 2, 17.0, 16.0)
     times, products, spread, collapse = panels

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,9 +19,6 @@ from studies.motion.jobs import Job, outcomes
 from studies.motion.stability import largest_growth, sliding_of
 from studies.plotting import figures, general, planes
 from studies.study import Parameter, Study
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MOTION = (
     *("regime", "stick_fraction", "separation_fraction", "velocity_rms", "dominant_frequency", "motions"),
@@ -103,7 +100,7 @@ def _range(dataset: xr.Dataset, chosen: xr.DataArray) -> str:
     return " to ".join(dict.fromkeys(map(labels.number, (values.min(), values.max())))) if len(values) else "-"
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Growth rate and regime over speed and kinetic ratio, and both shares along the speed."""
     from matplotlib.colors import ListedColormap, LogNorm
 
@@ -126,7 +123,7 @@ def draw(dataset: xr.Dataset) -> Figure:
         sides = [np.repeat(end, 2)[1:-1] for end in ends]
         axes.contour(*sides, np.kron(inside, np.ones((2, 2))), levels=[0.5], colors="white", linewidths=3.0)
         axes.contour(*sides, np.kron(inside, np.ones((2, 2))), levels=[0.5], colors="black", linewidths=1.5)
-    planes.regimes(middle, kinds, "V", "kinetic_ratio")
+    planes.classes(middle, kinds, "V", "kinetic_ratio")
     handles += below.plot([], [], color="black", linewidth=1.5, label="below: the fall has over half")
     handles += planes.patches(kinds)
     chosen = planes.subset(dataset.sizes["kinetic_ratio"], len(COLOURS))[::-1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,10 +24,6 @@ from studies.motion.series import runs_of_true
 from studies.plotting import figures, planes
 from studies.study import Claim, Study
 from sweeps import Axis, Variable
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 PAIRS = 8  # the paper's rig has two unstable ones at mu = 0.2 and at most four up to mu = 2
 AVERAGED = ("velocity_rms", "stick_fraction", "slip_fraction", "separation_fraction")
@@ -165,7 +161,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield from (f"{case}: {ranges(theta, where)}." for case, where in cases.items() if where.any())
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Frequencies, growth rates and fractions of time; unstable intervals, regimes and the paper's text."""
     theta, bounds = dataset["theta"].values, np.stack([dataset["window_from"], dataset["window_to"]], axis=1)
     papers = is_papers_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED)
@@ -230,7 +226,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     return figure
 
 
-def points(axes: Axes, x: Any, y: Any, text: str, **look: Any) -> None:
+def points(axes: figures.Axes, x: Any, y: Any, text: str, **look: Any) -> None:
     """Markers, with an entry in the legend if any value is finite."""
     if np.isfinite(y).any():
         axes.plot(x, np.ravel(y), **{"linestyle": "", "marker": "o", "color": figures.BLACK} | look, label=text)

@@ -45,6 +45,12 @@ def dominant_frequency(dataset: xr.Dataset) -> xr.DataArray:
     return frequency.where(is_of(dataset["regime"].values, *VIBRATING))
 
 
+def span(dataset: xr.Dataset, chosen: xr.DataArray, name: str) -> str:
+    """The least and the greatest value of a parameter at the chosen points, in a reader's unit: "1 to 5"."""
+    values = labels.readable(dataset[name]).values[chosen.any([dim for dim in chosen.dims if dim != name]).values]
+    return " to ".join(dict.fromkeys(map(labels.number, (values.min(), values.max())))) if len(values) else "-"
+
+
 def damping_text(dataset: xr.Dataset) -> str:
     """The damping of a result in words: d1 and d2 where the paper has others, and the numerical damping."""
     own = [name for name in ("d1", "d2") if name in dataset.coords and not dataset[name].ndim]

@@ -16,11 +16,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.declaring import labels
+
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.axes import Axes
+    from matplotlib.axes import Axes as Axes
     from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as Figure
 
 Array = NDArray[Any]
 
@@ -171,6 +173,24 @@ def fitted(title: str, width: float) -> str:
     whole = re.sub(r" = [^\s,]+(?: [^\s,=]+)?", lambda found: found[0].replace(" ", "\N{NO-BREAK SPACE}"), title)
     broken = "\n".join(fill(line, int(LETTERS * width)) for line in whole.splitlines())
     return broken.replace("\N{NO-BREAK SPACE}", " ")
+
+
+def place(dataset: xr.Dataset, *names: str) -> str:
+    """Those parameters that have one value: "θ = 5, μ = 0.2"."""
+    return ", ".join(labels.named(name, dataset[name]) for name in names
+                     if name in dataset.coords and not dataset[name].ndim)  # fmt: skip
+
+
+def curve(axes: Axes, x: Any, y: Any, error: Any = None, ends: Any = None, **look: Any) -> None:
+    """A quantity along a parameter, with its errors, or the ends of its interval, where they are known.
+
+    Nothing without values, so that a legend names what is drawn.
+    """
+    y = np.asarray(y, dtype=float)
+    if np.isfinite(y).any():
+        error = np.abs(np.asarray(ends) - y) if ends is not None else error
+        bars = None if error is None else np.nan_to_num(np.asarray(error))
+        axes.errorbar(x, y, bars, **{"markersize": 4.0, "linewidth": 0.8, "capsize": 2.0} | look)
 
 
 def letter(panels: Iterable[Axes], titles: Iterable[str]) -> None:

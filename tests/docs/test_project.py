@@ -124,8 +124,8 @@ def test_imports_form_no_circle(package):
 
 # Rooms of studies and files of its root, the lowest floor first.
 FLOORS = (
-    "paper", "declaring", "motion", "study", "answering", "asking", "plotting", "gallery", "accuracy", "stress",
-    "registry", "fitting", "runner", "query", "report", "cli", "__main__",
+    "paper", "declaring", "motion", "physics", "study", "answering", "asking", "plotting", "gallery", "accuracy",
+    "stress", "registry", "fitting", "runner", "query", "report", "cli", "__main__",
 )  # fmt: skip
 
 
