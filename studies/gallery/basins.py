@@ -16,7 +16,7 @@ from studies import paper
 from studies.answering.results import rig_of
 from studies.declaring import labels
 from studies.declaring.spec import evenly
-from studies.gallery import knock as knocks
+from studies.motion import knock as knocks
 from studies.motion import regimes, starts
 from studies.motion.run import REGIMES
 from studies.motion.stability import first_onsets

@@ -15,8 +15,8 @@ from studies.answering import results
 from studies.answering.claims import is_papers_point
 from studies.declaring import labels, spec
 from studies.declaring.parameters import Parameter
-from studies.gallery import fig5
 from studies.motion import run, scenes
+from studies.motion.stability import MODES
 from studies.plotting import figures
 from studies.study import Claim, Study
 from sweeps import Axis, InputError
@@ -155,7 +155,7 @@ STUDY = Study(
         "mu": Parameter(spec.evenly(0.0, 0.2, 2001), "1", "coefficient of friction"),
         "theta": Parameter(paper.THETA, "degree", "inclination of P1", common=True),
     },
-    outputs=fig5.OUTPUTS,
+    outputs=MODES,
     function=pair,
     coords={"mode": Axis([1, 2], "1", "number of the mode without friction, ascending in frequency")},
     derive=derive,

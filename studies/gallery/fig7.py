@@ -22,8 +22,8 @@ from sweeps import Variable
 
 # Rows of the figure, of more speeds an evenly spaced subset; depth of the spectra, dB.
 MOST_ROWS, DEPTH = 6, 100.0
-# A peak this near a multiple of the dominant frequency, relatively, is its harmonic; the foot of the main line is the
-# median within this share of its frequency.
+# A peak within this share of a multiple of the dominant frequency is its harmonic; the median within this share of
+# the main line's frequency is its foot.
 HARMONIC, FOOT = 0.01, 0.25
 SPECTRA = {
     "spectrum": "power spectral density of the velocity of B after settling",

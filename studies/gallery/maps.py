@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +14,6 @@ from fivcore import (
     Friction,
     Rig,
     Scene,
-    SceneError,
     UnsolvedError,
     flutter_onsets,
     glued_frequencies,
@@ -25,9 +25,8 @@ from studies.answering.refinement import report
 from studies.answering.results import MAPS, configuration
 from studies.declaring import labels
 from studies.declaring.parameters import RUN, SLIDING, Parameter
-from studies.gallery import knock
-from studies.motion import ensemble, run, uncertainty
-from studies.motion.jobs import outcomes
+from studies.motion import ensemble, knock, run, uncertainty
+from studies.motion.jobs import each, outcomes
 from studies.motion.stability import first_of, growths
 from studies.plotting import general
 from studies.study import Study
@@ -99,34 +98,27 @@ def motion(scenes: Sequence[Scene], members: int, **options: Any) -> dict[str, A
 
 
 def chaos(scenes: Sequence[Scene], duration: float, **how: Any) -> dict[str, Any]:
-    """The largest Lyapunov exponent of the motion of each scene, NaN where it has none."""
-    found, errors = list[tuple[float, float]](), list[SceneError | None]()
-    for scene in scenes:
-        try:
-            exponent = lyapunov_exponent(scene, duration, **how)
-            found.append((exponent.value, exponent.standard_error))
-            errors.append(None)
-        except SceneError as error:
-            found.append((np.nan, np.nan))
-            errors.append(error)
-    return dict(zip(CHAOS, np.transpose(found), strict=True)) | {"error": errors}
+    """The largest Lyapunov exponent of the motion of each scene."""
+
+    def exponent(scene: Scene) -> dict[str, float]:
+        found = lyapunov_exponent(scene, duration, **how)
+        return dict(zip(CHAOS, (found.value, found.standard_error), strict=True))
+
+    return each(scenes, exponent)
 
 
 def cycles(scenes: Sequence[Scene], duration: float | None, **how: Any) -> dict[str, Any]:
     """The limit cycle near which the motion of each scene is, NaN where none is found."""
-    found, errors = list[tuple[float, ...]](), list[SceneError | None]()
-    for scene in scenes:
-        values, error = (np.nan, np.nan, np.nan), None
-        try:
+
+    def near(scene: Scene) -> dict[str, float]:
+        values = dict.fromkeys(CYCLE, np.nan)
+        with suppress(UnsolvedError):
             cycle = limit_cycle(scene, duration=duration or SEARCH * scene.rig.time_scale, **how)
-            values = (cycle.frequency, cycle.summary["velocity_rms"], float(cycle.stable))
-        except UnsolvedError:
-            pass
-        except SceneError as problem:
-            error = problem
-        found.append(values)
-        errors.append(error)
-    return dict(zip(CYCLE, np.transpose(found), strict=True)) | {"error": errors}
+            found = cycle.frequency, cycle.summary["velocity_rms"], float(cycle.stable)
+            values = dict(zip(CYCLE, found, strict=True))
+        return values
+
+    return each(scenes, near)
 
 
 def probability(rig: Rig, theta: Any, mu: Any, samples: int, seed: int, distributions: Any) -> dict[str, Any]:

@@ -15,11 +15,11 @@ from fivcore import Scene, checks, loading_time
 from studies import paper
 from studies.declaring import labels, spec
 from studies.declaring.parameters import RUN, Parameter
-from studies.gallery.stick_fit import SLOW, SPAN, with_laws
 from studies.motion import ensemble
 from studies.motion.jobs import outcomes
 from studies.motion.regimes import damping_text
 from studies.motion.run import SETTLING
+from studies.motion.stick_fit import SLOW, SPAN, with_laws
 from studies.plotting import figures, planes
 from studies.study import Claim, Study
 from sweeps import Axis, Variable

@@ -17,6 +17,7 @@ from studies.declaring.spec import evenly, logarithmically
 from studies.motion import ensemble, mixed, regimes
 from studies.motion.jobs import Job, outcomes
 from studies.motion.stability import largest_growth, sliding_of
+from studies.physics import cells
 from studies.plotting import figures, general, planes
 from studies.study import Parameter, Study
 
@@ -116,7 +117,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         mesh = planes.cells(top, grows, "V", "kinetic_ratio", norm=LogNorm(FAINTEST, largest))
         figure.colorbar(mesh, ax=top, pad=0.02, label="growth rate / (1/s)")
     handles: list[Any] = [top.fill_between([], [], color=STABLE, edgecolor="black", label="stable")]
-    ends = [planes.edges(labels.readable(dataset[name]).values) for name in ("V", "kinetic_ratio")]
+    ends = [cells.edges(labels.readable(dataset[name]).values) for name in ("V", "kinetic_ratio")]
     inside = mostly_falling(dataset).transpose("kinetic_ratio", "V")
     for axes in (top, middle) if 0.0 < float(inside.mean()) < 1.0 else ():
         # Twice the values at both ends of each cell: the contour follows the sides of the cells.

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,8 @@ from studies.motion import ensemble, regimes, stability
 from studies.motion.jobs import Job, outcomes
 from studies.motion.run import BAND, SUMMARY
 from studies.motion.series import runs_of_true
-from studies.plotting import figures, planes
+from studies.physics import cells
+from studies.plotting import angles, figures, planes
 from studies.study import Claim, Study
 from sweeps import Axis, Variable
 
@@ -29,12 +29,6 @@ PAIRS = 8  # the paper's rig has two unstable ones at mu = 0.2 and at most four 
 AVERAGED = ("velocity_rms", "stick_fraction", "slip_fraction", "separation_fraction")
 KEPT = ("regime", "dominant_frequency", *AVERAGED)
 MOST_ROWS = 31  # of the table by inclination
-# Frequencies of the paper's text, by inclination, and their markers.
-PAPER: dict[str, tuple[Mapping[float, Any], str]] = {
-    "dominant, measured": (paper.ANGLES_MEASURED, "D"),
-    "dominant, simulated": (paper.ANGLES_SIMULATED, "x"),
-    "unstable pair": (paper.ANGLES_UNSTABLE, "^"),
-}
 
 
 def _of(name: str, whose: str, *dims: str) -> Variable:
@@ -168,68 +162,33 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     heights = (3.0, 2.6, 1.4, 1.5 + 0.3 * len(bounds))
     figure, panels = figures.panels(4, 1, 17.0, 18.0 + 0.6 * len(bounds), sharex=True, height_ratios=heights)
     lines, growth, fractions, strips = panels
-    for axes, (low, high) in product((lines, growth), bounds):
-        axes.axvspan(low, high, color=figures.BLACK, alpha=0.06, linewidth=0.0, zorder=0.5)
-    theta_of_pairs, theta_of_members = (np.repeat(theta, dataset.sizes[dim]) for dim in ("pair", "member"))
-    oscillates = 1e-3 * dataset["frequency"].where(dataset["frequency"] > 0.0)
-    points(lines, theta_of_pairs, oscillates, "unstable pair", markersize=3.0)
+    for axes in (lines, growth):
+        figures.spans(axes, bounds, color=figures.BLACK, alpha=0.06, zorder=0.5)
+    angles.points(lines, 1e-3 * dataset["frequency"].where(dataset["frequency"] > 0.0), "unstable pair")
     dominant = 1e-3 * dataset["member_dominant_frequency"]
-    points(lines, theta_of_members, dominant, "dominant, of each realisation", markersize=3.0, color=figures.BLUE)
-    look = {"markerfacecolor": "none", "color": figures.RED, "markersize": 7.0, "zorder": 4.0}
-    for text, (of, marker) in PAPER.items() if papers else ():
-        marked = np.array([(x, 1e-3 * f) for x in of if x in theta for f in np.ravel(of[x])]).reshape(-1, 2)
-        points(lines, marked[:, 0], marked[:, 1], f"paper: {text}", marker=marker, **look)
+    angles.points(lines, dominant, "dominant, of each realisation", color=figures.BLUE)
+    if papers:
+        angles.paper_frequencies(lines, theta)
     lines.set(yscale="log", ylabel="frequency / kHz")
     figures.one_two_five(lines.yaxis)
     growth.axhline(0.0, color=figures.BLACK, linewidth=0.6)
-    points(growth, theta_of_pairs, dataset["growth_rate"], "unstable pair", markersize=3.0)
+    angles.points(growth, dataset["growth_rate"], "unstable pair")
     decays = dataset["mode_growth_rate"].where(~(dataset["mode_growth_rate"] > 0.0))
-    points(growth, theta, decays, "least stable mode, where it decays", color=figures.GREEN, markersize=3.0)
+    angles.points(growth, decays, "least stable mode, where it decays", color=figures.GREEN)
     growth.margins(y=0.15)
     growth.set_ylabel("growth rate / (1/s)")
-    edges, below = planes.edges(theta), np.zeros(len(theta))
-    cells: dict[str, Any] = {"x": edges[:-1], "width": np.diff(edges), "align": "edge"}
-    for state, colour in planes.STATE_COLOURS.items():
-        part = np.nan_to_num(dataset[f"{state}_fraction"].values)
-        fractions.bar(height=part, bottom=below, color=colour, label=state, **cells)
-        below += part
+    parts = {state: dataset[f"{state}_fraction"].values for state in planes.STATE_COLOURS}
+    planes.stack(fractions, cells.edges(theta), parts, [*planes.STATE_COLOURS.values()])
     planes.draw_mixed(fractions, dataset, "theta", "stick_fraction")
     fractions.set(ylim=(0.0, 1.0), ylabel="fraction\nof time")
-    kinds, below = regimes.kinds(dataset)[:, None], np.zeros(len(theta))
-    codes = np.where(kinds < planes.FAILED, dataset["member_regime"].values, kinds).astype(int)
-    for code in np.unique(codes):
-        share = 0.8 * (codes == code).mean(axis=1)
-        strips.bar(height=share, bottom=below, color=planes.COLOURS[code], label=regimes.KINDS[code], **cells)
-        below += share
-    if papers:
-        steady = np.any([(low < theta) & (theta < high) for low, high in paper.STEADY_ANGLES], axis=0)
-        bars: dict[str, Any] = {"bottom": -1.0, "linewidth": 0.0, "edgecolor": figures.GREY, **cells}
-        strips.bar(height=0.8 * steady, color=planes.COLOURS[regimes.KINDS.index(regimes.STEADY)], **bars)
-        vibrates = 0.8 * np.isin(theta, [*paper.ANGLES_MEASURED])
-        strips.bar(height=vibrates, facecolor="white", hatch="//////", label="paper: vibrates", **bars)
-    for k, (low, high) in enumerate(bounds):
-        less, more = "< " * bool(low <= theta[0]), "> " * bool(high >= theta[-1])
-        place, text = (0.5 * (low + high), 1.25 + 0.5 * k), f"{less}{low:.2f}° to {more}{high:.2f}°"
-        strips.barh(place[1], high - low, 0.4, left=low, color="white", edgecolor=figures.GREY)
-        hertz = f"{float(dataset['window_peak_frequency'][k]):.0f} Hz"
-        strips.annotate(f"{text}, {hertz}", place, ha="center", va="center_baseline", fontsize=8.0)
-    top = 1.0 + 0.5 * max(len(bounds), 1)
-    strips.set_yticks([-0.6, 0.4, 0.5 * (1.0 + top)], ["paper's text", "realisations", "unstable"])
-    strips.grid(False)
+    angles.regime_strips(strips, dataset, papers)
     for axes in panels:
         if axes.get_legend_handles_labels()[0]:
             axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
-    strips.axis((edges[0], edges[-1], -1.1 if papers else -0.1, top))
     strips.set_xlabel(labels.label(dataset["theta"]))
-    where = ", ".join(labels.named(name, dataset[name]) for name in ("V", "mu", "F"))
-    figure.suptitle(f"Stability and motion over the inclination, {where}\n{regimes.damping_text(dataset)}")
+    title = f"Stability and motion over the inclination, {figures.place(dataset, 'V', 'mu', 'F')}"
+    figure.suptitle(f"{title}\n{regimes.damping_text(dataset)}")
     return figure
-
-
-def points(axes: figures.Axes, x: Any, y: Any, text: str, **look: Any) -> None:
-    """Markers, with an entry in the legend if any value is finite."""
-    if np.isfinite(y).any():
-        axes.plot(x, np.ravel(y), **{"linestyle": "", "marker": "o", "color": figures.BLACK} | look, label=text)
 
 
 STUDY = Study(

@@ -48,6 +48,35 @@ def balanced(job: Job, result: Transient | SceneError) -> Transient | SceneError
     return located(BalanceError(f"{text} {BALANCE[method]:g} counts; simulate the scene with {other}"), job.scene)
 
 
+def run_one(job: Job, *, balance: bool = True) -> Transient:
+    """Run a job, or raise its `SceneError`; by default also that of a run whose energy does not add up."""
+    (result,) = run_all([job])
+    result = balanced(job, result) if balance else result
+    if isinstance(result, SceneError):
+        raise result
+    return result
+
+
+def each(
+    points: Sequence[Any], values: Callable[[Any], Mapping[str, Any]], caught: Any = SceneError
+) -> dict[str, Any]:
+    """Values of each point, with the `error` of those without; if no point has values, raise the first."""
+    found: list[Mapping[str, Any]] = []
+    errors: list[Exception | None] = []
+    for point in points:
+        try:
+            found.append(values(point))
+            errors.append(None)
+        except caught as error:
+            errors.append(error)
+    if not found:
+        raise errors[0]  # type: ignore[misc]
+    # A failed point has values too, those of another point: the sweep drops them.
+    rows = iter(found)
+    whole = [found[0] if error else next(rows) for error in errors]
+    return {name: np.stack([row[name] for row in whole]) for name in found[0]} | {"error": errors}
+
+
 def outcomes(
     points: Sequence[Sequence[Job]],
     values: Callable[[Sequence[Job], Sequence[Transient]], Mapping[str, Any]],

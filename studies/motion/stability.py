@@ -33,7 +33,11 @@ Array = NDArray[Any]
 # times the size that those of a band have.
 FAR = 5.0
 
-# Variables of a scene's least stable mode.
+# Variables of the modes of steady sliding, and of a scene's least stable one.
+MODES = {
+    "frequency": ("Hz", "frequency of the sliding mode", "mode"),
+    "growth_rate": ("s-1", "growth rate of the sliding mode", "mode"),
+}
 LEAST_STABLE = {
     "mode_growth_rate": Variable("s-1", "growth rate of the least stable mode of steady sliding below 10 kHz"),
     "mode_frequency": Variable("Hz", "frequency of the least stable mode of steady sliding below 10 kHz"),

@@ -15,13 +15,14 @@ from fivcore import (
     State,
     Structure,
     checks,
+    equilibrium,
     modal_structure,
     sliding_modes,
     sliding_shape,
 )
 from studies.declaring.parameters import RUN, Parameter
+from studies.motion import jobs
 from studies.motion import run as runs
-from studies.motion.jobs import balanced, run_all
 
 Array = NDArray[np.float64]
 
@@ -71,6 +72,12 @@ def directions(scene: Scene, names: Sequence[str], mode: int = 0, second_mode: i
     return made
 
 
+def knocked(scene: Scene, *impulses: float) -> list[State]:
+    """Steady sliding at the moment after each impulse on P1, N s."""
+    q, (_, v) = equilibrium(scene), directions(scene, ["knock"])[0]
+    return [State.of(scene, q, impulse * v) for impulse in impulses]
+
+
 def _mode(scene: Scene, own: Structure, number: int, name: str) -> tuple[complex, Any]:
     """Exponent and modal shape of a mode of steady sliding, in which B moves by 1."""
     law: dict[str, Any] = {"friction": scene.friction, "V": scene.V, "F": scene.F}
@@ -91,32 +98,15 @@ def labels_of(scene: Scene, states: Sequence[State], options: Mapping[str, Any])
     """The regime to which each state leads, an index in `run.REGIMES`; `options` are those of SETTINGS."""
     duration = options["duration"] or DURATION * scene.rig.time_scale
     how = {"ramp": RUN["ramp"].default, "skip_long_sticks": 1, "settle": 0.5 * duration, **options}
-    jobs = [runs.job(scene, duration, how, step=options["step"], initial=state) for state in states]
-    labels = np.empty(len(jobs), dtype=np.int8)
-    for k, (job, run) in enumerate(zip(jobs, run_all(jobs), strict=True)):
-        result = balanced(job, run)
-        if isinstance(result, SceneError):
-            raise result
-        labels[k] = runs.REGIMES.index(result.summary["regime"])
-    return labels
+    runs_of = (runs.job(scene, duration, how, step=options["step"], initial=state) for state in states)
+    regimes = [runs.REGIMES.index(jobs.run_one(job).summary["regime"]) for job in runs_of]
+    return np.array(regimes, dtype=np.int8)
 
 
 def each(scenes: Sequence[Scene], values: Callable[[Scene], Mapping[str, Any]]) -> dict[str, Any]:
-    """Values of each scene, seen so that V > 0, with the `error` of those without; if all are, the first."""
-    found: list[Mapping[str, Any]] = []
-    errors: list[Exception | None] = []
-    for scene in scenes:
-        try:
-            found.append(values(scene if scene.V > 0.0 else scene.mirrored()))
-            errors.append(None)
-        except (SceneError, ValueError, ArithmeticError) as error:
-            errors.append(error)
-    if not found:
-        raise errors[0]  # type: ignore[misc]
-    # A failed point has values too, those of another point: the sweep drops them.
-    rows = iter(found)
-    whole = [found[0] if error else next(rows) for error in errors]
-    return {name: np.stack([row[name] for row in whole]) for name in found[0]} | {"error": errors}
+    """`jobs.each` of scenes, seen so that V > 0; input that no start can be made from fails its point."""
+    seen = [scene if scene.V > 0.0 else scene.mirrored() for scene in scenes]
+    return jobs.each(seen, values, (SceneError, ValueError, ArithmeticError))
 
 
 def check(V: Any, F: Any, duration: Any, step: Any, cutoff: Any, numerical_damping: Any) -> None:

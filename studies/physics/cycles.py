@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -69,9 +70,7 @@ def followed(scene: Scene, cutoff: float | None, most: int) -> tuple[LimitCycle 
         return None, np.nan
 
 
-def on_edge(
-    scene: Scene, ends: tuple[State, State] | None, hold: float, model: dict[str, Any]
-) -> LimitCycle | None:
+def on_edge(scene: Scene, ends: Sequence[State] | None, hold: float, model: dict[str, Any]) -> LimitCycle | None:
     """The cycle on the edge between a vibration and sliding, or that of a run; None where none is found.
 
     The edge between sliding and some state of a vibration may be long or short: further states are tried in turn.
@@ -82,8 +81,8 @@ def on_edge(
                 (motion,) = run_all([Job(scene, 2.0 * hold, {"initial": ends[0], **model})])
                 if isinstance(motion, SceneError) or motion.final_state is None:
                     return None
-                ends = motion.final_state, ends[1]
-            return limit_cycle(scene, ends, duration=2.0 * hold, **model)
+                ends = [motion.final_state, ends[1]]
+            return limit_cycle(scene, ends and (ends[0], ends[1]), duration=2.0 * hold, **model)
         except (UnsolvedError, SceneError):
             continue
     return None

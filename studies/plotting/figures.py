@@ -31,6 +31,8 @@ MANY_DECADES = 200.0
 # Okabe and Ito's palette; distinct in grey by lightness and by the markers used with it.
 BLACK, GREY = "#000000", "#7f7f7f"
 BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
+# Of a parameter that is followed up and down.
+WAYS = {"up": (BLUE, "^"), "down": (ORANGE, "v")}
 
 STYLE: Any = {
     "font.size": 9.0,
@@ -191,6 +193,19 @@ def curve(axes: Axes, x: Any, y: Any, error: Any = None, ends: Any = None, **loo
         error = np.abs(np.asarray(ends) - y) if ends is not None else error
         bars = None if error is None else np.nan_to_num(np.asarray(error))
         axes.errorbar(x, y, bars, **{"markersize": 4.0, "linewidth": 0.8, "capsize": 2.0} | look)
+
+
+def spans(axes: Axes, intervals: Iterable[Any], label: str = "", **look: Any) -> None:
+    """Shade intervals of the parameter across; of an empty one nothing."""
+    for ends in intervals:
+        if len(ends):
+            options: dict[str, Any] = {
+                "color": GREY,
+                "alpha": 0.2,
+                "linewidth": 0.0,
+                "label": label or None,
+            } | look
+            axes.axvspan(*ends, **options)
 
 
 def letter(panels: Iterable[Axes], titles: Iterable[str]) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from studies.declaring import labels
 from studies.motion.mixed import several
 from studies.motion.regimes import KINDS
+from studies.physics.cells import edges, is_logarithmic
 from studies.plotting import figures
 
 if TYPE_CHECKING:
@@ -41,31 +42,10 @@ PAPER: dict[str, dict[str, Any]] = {
     for marker, names in (("D", ("first unstable μ", "periodic")), ("^", ("vibrates (measured)", "intermittent")))
     for what in names
 }
-# From this ratio of its ends on an axis is logarithmic; up to so many values each has a tick.
-WIDE, FEW = 20.0, 2
+# Up to so many values each has a tick.
+FEW = 2
 # Planes across and down.
 PANELS = (4, 3)
-
-
-def is_logarithmic(values: Any) -> bool:
-    """Whether ascending values read better on a logarithmic axis: they span much, and their steps grow."""
-    wide = values[0] > 0.0 and values[-1] >= WIDE * values[0]
-    return bool(wide and (len(values) == 2 or values[-1] - values[-2] >= 2.0 * (values[1] - values[0])))
-
-
-def edges(values: NDArray[Any]) -> NDArray[Any]:
-    """Ends of the cell of each ascending value, half-way to its neighbours; in logarithms on such an axis."""
-    if len(values) == 1:
-        reach = 0.5 * abs(float(values[0])) or 0.5
-        return np.array([values[0] - reach, values[0] + reach])
-    if is_logarithmic(values):
-        return np.asarray(np.exp(_half_way(np.log(values))))
-    return _half_way(values)
-
-
-def _half_way(values: NDArray[Any]) -> NDArray[Any]:
-    middle = 0.5 * (values[1:] + values[:-1])
-    return np.concatenate([[2.0 * values[0] - middle[0]], middle, [2.0 * values[-1] - middle[-1]]])
 
 
 def set_side(axes: figures.Axes, side: str, array: xr.DataArray) -> NDArray[Any]:
@@ -132,10 +112,15 @@ def outline(axes: figures.Axes, inside: xr.DataArray, x: str, y: str) -> bool:
 
 
 def stack(
-    axes: figures.Axes, ends: NDArray[Any], shares: Mapping[str, Any], colours: Sequence[str], **options: Any
+    axes: figures.Axes,
+    ends: NDArray[Any],
+    shares: Mapping[str, Any],
+    colours: Sequence[str],
+    base: float = 0.0,
+    **options: Any,
 ) -> None:
-    """Shares one on the other, each over its cell with these `ends`, by their names."""
-    below = np.zeros(len(ends) - 1)
+    """Shares by their names, one on the other from `base` up, over the cells with these `ends`."""
+    below = np.full(len(ends) - 1, base)
     for (name, share), colour in zip(shares.items(), colours, strict=True):
         part = np.nan_to_num(share)
         look: dict[str, Any] = {"align": "edge", "color": colour, "label": name} | options

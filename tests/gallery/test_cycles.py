@@ -9,6 +9,7 @@ from studies import registry
 from studies.answering import summary
 from studies.asking.sweep import sweep_of
 from studies.gallery import cycles
+from studies.physics import branches
 from studies.physics import cycles as orbits
 from sweeps import InputError
 
@@ -44,15 +45,15 @@ def test_places_lie_on_their_branch_in_its_order():
     values = np.array([1.0, 2.0, 3.0, 2.5, 1.5])
     places = [Place(1.5, "slip vanishes"), Place(3.1, "fold"), Place(2.0, "stick vanishes")]
     branch = CycleBranch("mu", values, [], places, "no convergence beyond mu = 1.5")
-    found = [*cycles.places_of(branch, (0.0, 4.0))]
+    found = [*branches.places_of(branch, (0.0, 4.0))]
     assert found == [(1.5, "slip vanishes", 0), (3.1, "fold", 2), (2.0, "stick vanishes", 3),
                      (1.5, "end: no convergence", 4)]  # fmt: skip
 
 
 def test_places_are_spread():
-    assert cycles.spread(np.arange(10, 21), 3) == [12, 15, 18]
-    assert cycles.spread(np.array([4]), 3) == [4]
-    assert cycles.spread(np.array([]), 3) == []
+    assert branches.spread(np.arange(10, 21), 3) == [12, 15, 18]
+    assert branches.spread(np.array([4]), 3) == [4]
+    assert branches.spread(np.array([]), 3) == []
 
 
 @pytest.mark.parametrize(("values", "message"), [
