@@ -6,14 +6,13 @@ path that a user types is run.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from studies.answering.results import MAPS, REFERENCE, expanded, is_script
 from sweeps import InputError, load_script
@@ -30,7 +29,6 @@ NAMES = (
 # Where a predefined study is not in the gallery.
 ELSEWHERE = {"accuracy": "studies.accuracy.study", "stress": "studies.stress.study"}
 GROUP = "fiv.studies"
-CATALOGUE = Path(__file__).with_name("catalogue.json")
 # Studies of users in this process, and the files which were typed for them, by name.
 _registered: dict[str, Study] = {}
 _files: dict[str, str] = {}
@@ -40,12 +38,6 @@ _files: dict[str, str] = {}
 def installed() -> dict[str, EntryPoint]:
     """Studies of installed packages by name; none of them is imported."""
     return {point.name: point for point in entry_points(group=GROUP) if point.name not in NAMES}
-
-
-def catalogue() -> dict[str, dict[str, Any]]:
-    """Title, question, points and usual time of each predefined study, read without its import."""
-    catalogue: dict[str, dict[str, Any]] = json.loads(CATALOGUE.read_text(encoding="utf-8"))
-    return catalogue
 
 
 def names() -> list[str]:

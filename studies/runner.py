@@ -111,16 +111,14 @@ def plan(
 
 def plan_map(
     x: str, y: str | None = None, quantities: str | Sequence[str] = "growth_rate",
-    fix: Mapping[str, Any] | None = None, out: str | Path | None = None, *, samples: int | None = None,
-    seed: int | None = None, refine: int = 0, tolerance: float | None = None, rig: Any = None, command: str = "",
-    **how: Any,
+    fix: Mapping[str, Any] | None = None, out: str | Path | None = None, *, rig: Any = None, **how: Any,
 ) -> tuple[Study, sweeps.Plan]:  # fmt: skip
-    """The study and the plan of a map; `rig` is a structure or its file, `how` are options of `plan`."""
+    """The study and the plan of a map; `rig` is a structure or its file, `how` has options of both."""
     names = [name.strip() for name in quantities.split(",")] if isinstance(quantities, str) else quantities
     one, structure = registry.of_quantities(names), None if rig is None else structure_of(rig)
-    options: dict[str, Any] = {"samples": samples, "seed": seed, "refine": refine, "tolerance": tolerance}
-    request = mapping.request_of(one, x, y, names, fix, structure=structure, command=command, **options)
-    return one, plan(one, request, out, **how)
+    stored = {name: how.pop(name) for name in ("fresh", "adopt", "retry_failed", "strict") if name in how}
+    request = mapping.request_of(one, x, y, names, fix, structure=structure, **how)
+    return one, plan(one, request, out, **stored)
 
 
 def rerun(study: str, values: Mapping[str, Any], point: Mapping[str, Any], rig: Path | None = None) -> str:

@@ -20,6 +20,7 @@ from studies.accuracy.study import COSTS
 from studies.answering import claims
 from studies.answering.results import REFERENCE
 from studies.asking.sweep import sweep_of
+from studies.cli.options import CATALOGUE
 from studies.study import Study
 from sweeps import Adopt, open_results
 
@@ -48,7 +49,7 @@ def main() -> None:
     parser.add_argument("studies", metavar="STUDY", nargs="*", choices=[[], *registry.NAMES], help="default: all")
     parser.add_argument("--adopt", metavar="N", type=int, help="keep the reference if N points have the same bits")
     arguments = parser.parse_args()
-    folder, catalogue = Path("results") / REFERENCE, registry.catalogue()
+    folder, catalogue = Path("results") / REFERENCE, json.loads(CATALOGUE.read_text(encoding="utf-8"))
     for name in arguments.studies or registry.NAMES:
         study, requests = registry.load(name), {folder: dict[str, Any]()}
         if name in TWICE:
@@ -66,7 +67,7 @@ def main() -> None:
         if arguments.adopt is None:
             catalogue[name] = entry(study, folder)
     ordered = {name: catalogue[name] for name in registry.NAMES if name in catalogue}
-    registry.CATALOGUE.write_text(json.dumps(ordered, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    CATALOGUE.write_text(json.dumps(ordered, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

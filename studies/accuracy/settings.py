@@ -6,18 +6,8 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
-from fivcore import (
-    ReducedModel,
-    Rig,
-    Scene,
-    default_cutoff,
-    full_model,
-    is_stable_step,
-    largest_stable_step,
-    modified,
-    published,
-    reduced_model,
-)
+import fivcore
+from fivcore import ReducedModel, Rig, Scene, full_model, is_stable_step, modified, published, reduced_model
 from studies import paper
 from studies.accuracy.ablation import truncated, with_dashpot, without_cross_terms
 from studies.accuracy.rigs import drawn_scene
@@ -48,12 +38,16 @@ def model_of(method: str, scene: Scene, options: Mapping[str, Any]) -> ReducedMo
 def _step(scene: Scene, factor: float) -> dict[str, Any]:  # in units of the largest stable one
     model = model_of(FAST, scene, {})
     largest = model.largest_step
-    limit = largest if is_stable_step(model, scene.mu, largest) else largest_stable_step(model, scene.mu, largest)
+    limit = (
+        largest
+        if is_stable_step(model, scene.mu, largest)
+        else fivcore.largest_stable_step(model, scene.mu, largest)
+    )
     return {"step": factor * limit}
 
 
 def _cutoff(scene: Scene, factor: float, **options: Any) -> dict[str, Any]:
-    return {"cutoff": factor * default_cutoff(scene.rig), **options}
+    return {"cutoff": factor * fivcore.default_cutoff(scene.rig), **options}
 
 
 def _converged(scene: Scene) -> dict[str, Any]:
@@ -84,9 +78,7 @@ SETTINGS = {
     CONVERGED: _fast("converged", _converged),
     PUBLISHED: Setting("published damping", partial(_fixed, numerical_damping="published"), {FAST: FIVE}),
     MODEL: Setting(
-        "no numerical damping",
-        partial(_fixed, numerical_damping="none", step=0.5 * PAPER_STEP),
-        {PAPER: TWO},
+        "no numerical damping", partial(_fixed, numerical_damping="none", step=0.5 * PAPER_STEP), {PAPER: TWO}
     ),
     **{f"step {x:g}": _fast("step", _step, factor=x) for x in (0.25, 0.5, 0.98)},
     **{f"cut-off {x:g}": _fast("cut-off", _cutoff, factor=x) for x in (0.4, 0.64, 0.8, 1.4, 2.0)},

@@ -138,11 +138,5 @@ STUDY = Study(
     OUTPUTS,
     compare,
     paper="Section 3.3: one scheme, in finite elements, at a step of 2e-8 s with beta2 = 0.8; no cost, no error.",
-    derive=with_errors,
-    summary=summary,
-    figure=figure,
-    coords=coords,
-    check=check,
-    chaotic=True,
-    beams=True,
-)
+    derive=with_errors, summary=summary, figure=figure, coords=coords, check=check, chaotic=True, beams=True,
+)  # fmt: skip

@@ -12,17 +12,13 @@ from numpy.typing import NDArray
 
 from fivcore import SceneError
 from studies.answering.results import is_usual, settled, structure_in
-from studies.asking.points import Points
 from studies.declaring.parameters import FRICTION, RIG, SCENE
 from studies.motion import scenes
 from studies.motion.above import with_growth_above
-from studies.study import Study
 from sweeps import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from sweeps import Axis, Variable
 
 
 def named(signature: Mapping[str, inspect.Parameter], values: Mapping[str, Any]) -> dict[str, Any]:
@@ -58,24 +54,13 @@ class Call:
         own: dict[str, Any] = {"record": (), "distributions": {}, **numbers, "times": self.times}
         if "rig" in signature:
             own["rig"] = scenes.rig_of(numbers)
-        if "scenes" in signature:
-            own["scenes"] = scenes.scenes_of(numbers, count)
-        if "chains" in signature:
-            columns = [scenes.scenes_of(each, count) for each in steps(numbers, self.followed)]
-            own["chains"] = list(zip(*columns, strict=True))
+        if moves:
+            chains = [scenes.scenes_of(each, count) for each in steps(numbers, self.followed)]
+            own |= {"scenes": chains[0], "chains": [*zip(*chains, strict=True)]}
         # What a rig and scenes consist of goes to those who name it.
         parts = {*RIG, *(SCENE | FRICTION if moves else ())}
         rest = {name: value for name, value in numbers.items() if name in self.parameters and name not in parts}
         return {name: value for name, value in own.items() if name in signature} | named(signature, rest)
-
-
-def of(study: Study, points: Points, outputs: Mapping[str, Variable], coords: Mapping[str, Axis]) -> Call:
-    """How a study is called with batches of these points."""
-    parameters = study.parameters
-    common = tuple(n for n in points.grid.axes if n in parameters and parameters[n].common)
-    shapes = {name: tuple(len(coords[dim]) for dim in each.dims) for name, each in outputs.items()}
-    times = coords["elapsed"].values if "elapsed" in coords else None
-    return Call(study.function, common, study.normalised, tuple(parameters), shapes, times, points.followed)
 
 
 def compute(call: Call, points: Mapping[str, Any], **fixed: Any) -> dict[str, Any]:
@@ -156,13 +141,7 @@ def _padded(name: str, value: Any, count: int, shape: tuple[int, ...] | None, re
     return np.pad(values.astype(float), missing, constant_values=np.nan)
 
 
-def finish(
-    derive: Callable[[xr.Dataset], xr.Dataset] | None,
-    dims: tuple[str, ...],
-    about: Mapping[str, tuple[Any, str, str]],
-    moves: bool,
-    dataset: xr.Dataset,
-) -> xr.Dataset:
+def finish(derive: Any, dims: Any, about: Mapping[str, Any], moves: bool, dataset: xr.Dataset) -> xr.Dataset:
     """Add the fixed parameters as scalar coordinates, and what the study derives from its usual dimensions.
 
     A study in which scenes move gets what grows above the band, too.

@@ -34,14 +34,10 @@ class Points:
 
 
 def points_of(
-    study: Study,
-    values: Mapping[str, Any],
-    rows: Mapping[str, Any],
-    draws: tuple[int, int],
-    structure: Mapping[str, Any] | None,
+    study: Study, values: Mapping[str, Any], rows: Mapping[str, Any], draws: tuple[int, int], structure: Any
 ) -> Points:
-    """The points of a request, whose parts `asking.sweep.sweep_of` describes; `draws` their number and seed."""
-    requested = {name: _read(study, name, value) for name, value in values.items()}
+    """The points of a request (`asking.sweep.sweep_of` has its parts); `draws` are their number and seed."""
+    requested = {name: study.parameter(name).read(name, value) for name, value in values.items()}
     columns = {name: _column(study, name, column) for name, column in rows.items()}
     for name in columns:
         if name in requested:
@@ -61,30 +57,20 @@ def points_of(
         # The nominal rig is in the middle of the uncertain ones.
         chosen |= {name: float(f"{draw.ppf(0.5):.6g}") for name, draw in drawn.items()}
         drawn = {}
-    followed = _followed(study, chosen) if "chains" in study.takes else ""
-    if followed:
-        chosen |= _beside(study, followed, requested)
+    followed = ""
+    if "chains" in study.takes:
+        followed, beside = _followed(study, chosen, requested)
+        chosen |= beside
     names = [followed] if followed else [name for name in chosen if study.parameters[name].inner]
-    inner = {name: _axis(study, name, chosen[name]) for name in names}
+    inner = {name: study.parameters[name].axis(chosen[name]) for name in names}
     single = {name: value for name, value in chosen.items() if name not in inner and name not in drawn}
-    axes = {name: _axis(study, name, value) for name, value in single.items() if np.ndim(value)}
+    axes = {name: study.parameters[name].axis(value) for name, value in single.items() if np.ndim(value)}
     fixed |= {name: value for name, value in single.items() if name not in axes}
     fixed |= {name: axis.values.tolist() for name, axis in inner.items()}
     if not (axes or drawn or columns):
         first = next(name for name in fixed if name in study.parameters)
-        axes = {first: _axis(study, first, fixed.pop(first))}
-    grid = _grid(study, axes, drawn, columns, draws)
-    check_size(grid)
-    return Points(grid, inner, fixed, followed)
-
-
-def _read(study: Study, name: str, value: Any) -> Any:
-    parameter = study.parameter(name)
-    if not hasattr(value, "ppf"):
-        return parameter.read(name, value)
-    if parameter.choices or parameter.is_whole or parameter.inner:
-        raise InputError(f"{name} = {value.text}: it has no distribution; give it values")
-    return value
+        axes = {first: study.parameters[first].axis(fixed.pop(first))}
+    return Points(_grid(study.parameters, axes, drawn, columns, draws), inner, fixed, followed)
 
 
 def _column(study: Study, name: str, values: Any) -> NDArray[Any]:
@@ -95,48 +81,36 @@ def _column(study: Study, name: str, values: Any) -> NDArray[Any]:
     return np.array([np.ravel(parameter.read(name, value))[0] for value in np.asarray(values).tolist()])
 
 
-def _axis(study: Study, name: str, values: Any) -> Axis:
-    return Axis(values, study.parameters[name].units, study.parameters[name].text)
-
-
-def _grid(
-    study: Study,
-    axes: Mapping[str, Axis],
-    drawn: Mapping[str, Any],
-    columns: Mapping[str, NDArray[Any]],
-    draws: tuple[int, int],
-) -> Grid:
+def _grid(parameters: Mapping[str, Parameter], axes: Any, drawn: Any, columns: Any, draws: Any) -> Grid:
+    """The product of axes, draws, or rows of a table, with as many points as a plan may have."""
     if drawn and columns:
         raise InputError("points: distributions and a table both say where the points are; leave one out")
     if drawn:
-        units = {name: (study.parameters[name].units, study.parameters[name].text) for name in drawn}
-        return Sample(drawn, draws[0], seed=draws[1], units=units, axes=axes)
-    if columns:
+        units = {name: (parameters[name].units, parameters[name].text) for name in drawn}
+        grid: Grid = Sample(drawn, draws[0], seed=draws[1], units=units, axes=axes)
+    elif columns:
         number = Axis(np.arange(1, len(next(iter(columns.values()))) + 1), long_name="row of the table")
-        table = {"row": number} | {name: _axis(study, name, values) for name, values in columns.items()}
-        return Grid({**table, **axes}, zipped=tuple(table), sampling={"method": "a table"})
-    return Grid(axes)
+        table = {"row": number} | {name: parameters[name].axis(values) for name, values in columns.items()}
+        grid = Grid({**table, **axes}, zipped=tuple(table), sampling={"method": "a table"})
+    else:
+        grid = Grid(axes)
+    check_size(grid)
+    return grid
 
 
-def _followed(study: Study, chosen: Mapping[str, Any]) -> str:
-    """The parameter that chains of scenes follow, which has a range."""
-    name = chosen[FOLLOW]
+def _followed(study: Study, chosen: Mapping[str, Any], requested: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """The parameter that chains of scenes follow, and one value of each that has a range only where followed."""
+    name, values = chosen[FOLLOW], dict[str, Any]()
     if np.ndim(name):
         raise InputError(f"{FOLLOW} = {', '.join(name)}: give one; run the study once for each")
     if len(np.ravel(chosen.get(name, 0.0))) < 2:
         raise InputError(f"{name}: it is followed; give several values of it, as {name}=START:STOP:COUNT")
-    return str(name)
-
-
-def _beside(study: Study, followed: str, requested: Mapping[str, Any]) -> dict[str, Any]:
-    """The one value of each parameter that has a range only where it is followed."""
-    values = dict[str, Any]()
-    for name in (n for n, parameter in study.parameters.items() if parameter.inner and n != followed):
-        value = np.ravel(requested.get(name, SCENE[name].default))
+    for other in (n for n, parameter in study.parameters.items() if parameter.inner and n != name):
+        value = np.ravel(requested.get(other, SCENE[other].default))
         if len(value) > 1:
-            raise InputError(f"{name}: {followed} is followed; give one value of {name}, or {FOLLOW}={name}")
-        values[name] = value[0].item()
-    return values
+            raise InputError(f"{other}: {name} is followed; give one value of {other}, or {FOLLOW}={other}")
+        values[other] = value[0].item()
+    return str(name), values
 
 
 def _without_beams(study: Study, requested: Mapping[str, Any], own: Structure) -> dict[str, Parameter]:

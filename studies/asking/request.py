@@ -85,20 +85,15 @@ class Request:
         # More points than a plan can hold are refused before their values are made.
         for name, value in values.items():
             if isinstance(value, str) and not study.parameter(name, self.structure).choices:
-                counts[name] = 1 if is_distribution(value) else self._finest(name, spec.count(value))
+                count = 1 if is_distribution(value) else spec.count(value)
+                counts[name] = (count - 1) * 2**self.refine + 1 if name in self.sides else count
             elif np.ndim(value):
                 counts[name] = np.size(value)
         sweeps.check_counts(counts or {"points": 1})
-        return {name: self._read(study, name, value) for name, value in values.items()}
-
-    def _finest(self, name: str, count: int) -> int:
-        """The number of values after the halvings of a map."""
-        return (count - 1) * 2**self.refine + 1 if name in self.sides else count
-
-    def _read(self, study: Study, name: str, value: Any) -> Any:
-        if self.refine and name in self.sides:
-            return spec.refined(value, name, self.refine, study.parameters[name].units)
-        return _read(study, name, value)
+        read = {name: _read(study, name, value) for name, value in values.items()}
+        halved = self.sides if self.refine else ()
+        units = {name: study.parameters[name].units for name in halved}
+        return read | {name: spec.refined(values[name], name, self.refine, units[name]) for name in halved}
 
     def points_of(self, study: Study) -> dict[str, Any]:
         """Arguments of `asking.sweep.sweep_of` besides the values."""

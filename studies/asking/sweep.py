@@ -64,7 +64,7 @@ def sweep_of(
         outputs, coords = {**kept, **outputs}, {**coords, "elapsed": coords.get("elapsed", elapsed)}
         points = replace(points, fixed={**points.fixed, **settings})
     _check(study, points)
-    fixed, axes = points.fixed, points.grid.axes
+    fixed, axes, product = points.fixed, points.grid.axes, tuple(points.grid.axes) == points.grid.dims
     about = {
         name: (fixed[name], parameter.units, parameter.text)
         for name, parameter in study.parameters.items()
@@ -72,23 +72,25 @@ def sweep_of(
     }
     return Sweep(
         study.name,
-        partial(call.compute, call.of(study, points, outputs, coords)),
+        partial(call.compute, _call(study, points, outputs, coords)),
         points.grid,
         outputs,
         fixed,
         coords={name: axis for name, axis in coords.items() if name not in axes},
         title=study.title,
         derive=partial(call.finish, study.derive, study.dims, about, study.moves),
-        order_by=_costly(points.grid),
+        # The modes of P1, of a rig and of an inclination are computed once for neighbours.
+        order_by=tuple(n for n in axes if n not in ("V", "mu", "F", *FRICTION)) if product else (),
         request={"fixed": about},
         **_copies(study, points),
     )
 
 
-def _costly(grid: Grid) -> tuple[str, ...]:
-    """Axes whose change is costly: neighbours share the modes of P1, of a rig and of an inclination."""
-    names = tuple(grid.axes)
-    return tuple(n for n in names if n not in ("V", "mu", "F", *FRICTION)) if names == grid.dims else ()
+def _call(study: Study, points: Points, outputs: Mapping[str, Variable], coords: Mapping[str, Axis]) -> call.Call:
+    parameters, times = study.parameters, coords["elapsed"].values if "elapsed" in coords else None
+    common = tuple(n for n in points.grid.axes if n in parameters and parameters[n].common)
+    shapes = {name: tuple(len(coords[dim]) for dim in each.dims) for name, each in outputs.items()}
+    return call.Call(study.function, common, study.normalised, tuple(parameters), shapes, times, points.followed)
 
 
 def _copies(study: Study, points: Points) -> dict[str, Any]:

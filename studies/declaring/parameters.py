@@ -60,13 +60,17 @@ class Parameter:
         return np.asarray(self.default).dtype.kind == "i"
 
     def read(self, name: str, value: Any) -> Any:
-        """Check a requested value: one number, word or None, or an ascending array of several.
+        """Check a requested value: one number, word or None, an ascending array of several, or a distribution.
 
         Raises
         ------
         InputError
             Naming the parameter, its value and what is allowed.
         """
+        if hasattr(value, "ppf"):
+            if self.choices or self.is_whole or self.inner:
+                raise InputError(f"{name} = {value.text}: it has no distribution; give it values")
+            return value
         if value is None or (isinstance(value, str) and value == "auto"):
             if self.default is not None:
                 raise InputError(f"{name} = {value!r}: it must be {self._allowed}")
@@ -91,6 +95,10 @@ class Parameter:
                     raise InputError(f"{name} = {values[fraction][0]:g}: it must be a whole number below 1e15")
                 values = values.astype(np.int64)
         return values[0].item() if len(values) == 1 and not np.ndim(self.default) else values
+
+    def axis(self, values: Any) -> Axis:
+        """An axis of these values."""
+        return Axis(values, self.units, self.text)
 
     @property
     def _allowed(self) -> str:

@@ -18,6 +18,7 @@ from studies.declaring import labels
 from studies.declaring.spec import evenly
 from studies.motion import knock as knocks
 from studies.motion import regimes, starts
+from studies.motion.jobs import each_scene
 from studies.motion.run import REGIMES
 from studies.motion.stability import first_onsets
 from studies.motion.starts import COORDINATES
@@ -94,7 +95,7 @@ def motions(
             **{"vibration_share": vibrates, "vibration_share_low": own[0], "vibration_share_high": own[1]},
         }
 
-    return starts.each(scenes, point)
+    return each_scene(scenes, point)
 
 
 def coords(
@@ -255,11 +256,5 @@ STUDY = Study(
         "seed": Parameter(0, "1", "seed of the draws, which all points share", common=True),
     }
     | knocks.PARAMETERS,
-    outputs=OUTPUTS,
-    function=motions,
-    coords=coords,
-    check=check,
-    summary=summarise,
-    figure=draw,
-    chaotic=True,
+    outputs=OUTPUTS, function=motions, coords=coords, check=check, summary=summarise, figure=draw, chaotic=True,
 )  # fmt: skip

@@ -11,21 +11,8 @@ import xarray as xr
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from fivcore import (
-    SEPARATION,
-    SLIP,
-    STICK,
-    Friction,
-    Normalised,
-    Scene,
-    State,
-    Structure,
-    assembled_modes,
-    assembled_onsets,
-    exact,
-    simulate,
-    sliding_onsets,
-)
+import fivcore
+from fivcore import SLIP, STICK, Friction, Normalised, Scene, State, Structure, assembled_modes, exact, simulate
 from studies.declaring.parameters import Parameter
 from studies.plotting import figures
 from studies.study import Study
@@ -48,7 +35,7 @@ OUTPUTS = {
 def coupled(k11: float, k12: float, k21: float, k22: float, kn: float, mu: float) -> Any:
     """lam^2 = -(k11 + k22) / 2 +- root of (k11 - k22)^2 / 4 + k21 (k12 - mu kn), which vanishes at the onset."""
     matrices, friction = (np.eye(2), None, [[k11, k12], [k21, k22]]), [[0.0, -kn], [0.0, 0.0]]
-    onset = assembled_onsets(*matrices, friction, 1.0, 2.0)[0][0]
+    onset = fivcore.assembled_onsets(*matrices, friction, 1.0, 2.0)[0][0]
     modes = assembled_modes(*matrices, friction_stiffness=friction, mu=[onset, mu], fmax=1.0)
     mean, apart = 0.5 * (k11 + k22), 0.25 * (k11 - k22) ** 2
     grows = np.sqrt(-mean + np.emath.sqrt(apart + k21 * (k12 - mu * kn))).real
@@ -61,7 +48,7 @@ def hulten() -> Any:
     """Hurwitz's a1 a2 a3 = a1^2 + a3^2 a0; without damping the limit of equal damping."""
     w = 2.0 * np.pi * np.array([100.0, 75.0])
     damping, K, friction = DAMPING * w, np.diag(w**2), [[0.0, -(w[1] ** 2)], [w[0] ** 2, 0.0]]
-    ours = [assembled_onsets(np.eye(2), np.diag(c), K, friction, 200.0)[0][0] for c in damping]
+    ours = [fivcore.assembled_onsets(np.eye(2), np.diag(c), K, friction, 200.0)[0][0] for c in damping]
     modes = assembled_modes(np.eye(2), None, K, friction_stiffness=friction, mu=ours[0], fmax=200.0)
     square = np.array([c @ w[::-1] ** 2 / c.sum() if c.any() else w @ w / 2.0 for c in damping])
     onset = np.sqrt(square * (w @ w + damping.prod(axis=1)) - square**2 - w.prod() ** 2) / w.prod()
@@ -187,7 +174,7 @@ def jump() -> Any:
 def fading() -> Any:
     """Damping outweighs the fall of friction from V = v_d ln((1 - kappa) / (2 xi v_d)) on; cycles end later."""
     law, xi, kappa, v_d = Friction(0.5, 0.5), 0.05, 0.5, 0.5
-    onset = sliding_onsets(belted(1.0, law, xi)[0], "V", 0.5, 2.0, 1.0).value[0]
+    onset = fivcore.sliding_onsets(belted(1.0, law, xi)[0], "V", 0.5, 2.0, 1.0).value[0]
 
     def crest(V: float) -> tuple[float, float]:
         """When the block, once it slips, is fastest, and by how much slower than the belt."""
@@ -211,7 +198,7 @@ def bar(n: int = 50) -> Any:
     end, hertz = np.sqrt(np.where(k % n, 2.0, 1.0) / L), c / h / np.pi * np.sin(0.5 * np.pi * k / n)
     rigid = np.eye(n + 2)[0] / end[0]
     rod = Structure.from_modes([*hertz, 1.0], [*end, 0.0], [*(0.0 * k), 1.0], load=-rigid / L)
-    scene, start = Scene(1e-9, 0.0, 0.0, 1e-11, rod), State(5.0 * rigid, -v * rigid, SEPARATION)
+    scene, start = Scene(1e-9, 0.0, 0.0, 1e-11, rod), State(5.0 * rigid, -v * rigid, fivcore.SEPARATION)
     how: dict[str, Any] = {"ramp": 0.0, "step": h / c, "numerical_damping": "none", "sample_rate": None}
     N = simulate(scene, 1.4, "paper", initial=start, record=["normal_force"], **how).normal_force
     pressed = N[N > 1e-3]
@@ -284,7 +271,5 @@ STUDY = Study(
     {"case": Parameter(np.array(list(CASES)), "1", "model and quantity")},
     OUTPUTS,
     classics,
-    derive=describe,
-    summary=summarise,
-    figure=draw,
-)
+    derive=describe, summary=summarise, figure=draw,
+)  # fmt: skip

@@ -299,17 +299,11 @@ STUDY = Study(
         **ensemble.members(5),
         **published(RUN),
     },
-    outputs=OUTPUTS,
-    function=statements,
+    outputs=OUTPUTS, function=statements,
     coords={
         "statement": Axis(list(STATEMENTS), long_name="statement of the paper"),
         "scene": Axis(list(SCENES), long_name="scene of the statements"),
         "onset": Axis(np.arange(1, len(paper.ONSETS) + 1), "1", "onset, ascending in mu"),
     },
-    check=check,
-    derive=derive,
-    summary=summarise,
-    figure=draw,
-    chaotic=True,
-    beams=True,
-)
+    check=check, derive=derive, summary=summarise, figure=draw, chaotic=True, beams=True,
+)  # fmt: skip

@@ -128,13 +128,6 @@ STUDY = Study(
         "sample_rate": Parameter(40e3, "Hz", "sampling rate of the series", common=True),
     }
     | published(RUN),
-    outputs=OUTPUTS,
-    function=histories,
-    coords=series.coords,
-    check=run.check,
-    summary=summarise,
-    figure=draw,
-    claims=CLAIMS,
-    chaotic=True,
-    beams=True,
-)
+    outputs=OUTPUTS, function=histories, coords=series.coords, check=run.check, summary=summarise, figure=draw,
+    claims=CLAIMS, chaotic=True, beams=True,
+)  # fmt: skip

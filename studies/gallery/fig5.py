@@ -15,15 +15,9 @@ from studies.answering.results import rig_of
 from studies.declaring import labels
 from studies.declaring.spec import evenly
 from studies.motion.run import BAND
+from studies.motion.stability import MODES
 from studies.plotting import figures
-from studies.plotting.modes import (
-    STABLE,
-    UNSTABLE,
-    mark_divergence,
-    mark_onsets,
-    mark_recoveries,
-    name_growing,
-)
+from studies.plotting.modes import STABLE, UNSTABLE, mark_divergence, mark_onsets, mark_recoveries, name_growing
 from studies.study import Claim, Parameter, Study
 from sweeps import Axis
 
@@ -31,10 +25,7 @@ from sweeps import Axis
 # of one file differ.
 ROOM = 10
 KINDS = {"onset": "flutter onset", "recovery": "recovery"}
-OUTPUTS = {
-    "frequency": ("Hz", "frequency of the sliding mode", "mode"),
-    "growth_rate": ("s-1", "growth rate of the sliding mode", "mode"),
-}
+OUTPUTS = MODES
 # The paper's onsets are the first unstable values on a grid of mu with a step of 0.01.
 CLAIMS = tuple(
     Claim(name, {"onset": k}, value, "3.4.2, steps of 0.01" if name == "onset_mu" else "3.4.2")
@@ -132,11 +123,5 @@ STUDY = Study(
     paper="Section 3.4.2 and Fig. 5: below 10 kHz and mu = 0.5 three coalescences, first unstable at "
     "mu = 0.12 (2800 Hz), 0.16 (400 Hz) and 0.23 (7700 Hz).",
     parameters={"mu": Parameter(evenly(0.0, 0.5, 501), "1", "coefficient of friction")},
-    outputs=OUTPUTS,
-    function=modes,
-    coords=coords,
-    derive=derive,
-    summary=summarise,
-    figure=draw,
-    claims=CLAIMS,
-)
+    outputs=OUTPUTS, function=modes, coords=coords, derive=derive, summary=summarise, figure=draw, claims=CLAIMS,
+)  # fmt: skip

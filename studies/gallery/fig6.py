@@ -158,13 +158,10 @@ STUDY = Study(
     outputs=MODES,
     function=pair,
     coords={"mode": Axis([1, 2], "1", "number of the mode without friction, ascending in frequency")},
-    derive=derive,
-    summary=summarise,
-    figure=draw,
+    derive=derive, summary=summarise, figure=draw,
     claims=(
         *(Claim("frequency", {"mode": 5 + k, "mu": 0.0}, paper.MODES_5_AND_6[k], "Fig. 6a") for k in (0, 1)),
         *(Claim(f"lock_in_{x}", {}, paper.ONSETS[0][k], "3.4.2") for k, x in enumerate(("mu", "frequency"))),
     ),
-    check=check,
-    beams=True,
-)
+    check=check, beams=True,
+)  # fmt: skip

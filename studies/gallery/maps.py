@@ -3,30 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from fivcore import (
-    Friction,
-    Rig,
-    Scene,
-    UnsolvedError,
-    flutter_onsets,
-    glued_frequencies,
-    limit_cycle,
-    lyapunov_exponent,
-    painleve_mu,
-)
+import fivcore
+from fivcore import Friction, Rig, Scene, UnsolvedError, flutter_onsets, limit_cycle, painleve_mu
 from studies.answering.refinement import report
 from studies.answering.results import MAPS, configuration
 from studies.declaring import labels
 from studies.declaring.parameters import RUN, SLIDING, Parameter
 from studies.motion import ensemble, knock, run, uncertainty
-from studies.motion.jobs import each, outcomes
+from studies.motion.jobs import each_scene, outcomes
 from studies.motion.stability import first_of, growths
 from studies.plotting import general
 from studies.study import Study
@@ -87,7 +77,7 @@ def contact_limit(rig: Rig, theta: Any, **options: Any) -> dict[str, Any]:
 
 def glued(rig: Rig, theta: Any) -> dict[str, Any]:
     """Natural frequencies of the beams glued at the contact."""
-    found = [glued_frequencies(rig, angle, len(GLUED)) for angle in np.ravel(theta).tolist()]
+    found = [fivcore.glued_frequencies(rig, angle, len(GLUED)) for angle in np.ravel(theta).tolist()]
     return dict(zip(GLUED, np.transpose(found), strict=True))
 
 
@@ -100,25 +90,25 @@ def motion(scenes: Sequence[Scene], members: int, **options: Any) -> dict[str, A
 def chaos(scenes: Sequence[Scene], duration: float, **how: Any) -> dict[str, Any]:
     """The largest Lyapunov exponent of the motion of each scene."""
 
-    def exponent(scene: Scene) -> dict[str, float]:
-        found = lyapunov_exponent(scene, duration, **how)
-        return dict(zip(CHAOS, (found.value, found.standard_error), strict=True))
+    def values(scene: Scene) -> dict[str, Any]:
+        exponent = fivcore.lyapunov_exponent(scene, duration, **how)
+        return dict(zip(CHAOS, (exponent.value, exponent.standard_error), strict=True))
 
-    return each(scenes, exponent)
+    return each_scene(scenes, values)
 
 
 def cycles(scenes: Sequence[Scene], duration: float | None, **how: Any) -> dict[str, Any]:
     """The limit cycle near which the motion of each scene is, NaN where none is found."""
 
-    def near(scene: Scene) -> dict[str, float]:
-        values = dict.fromkeys(CYCLE, np.nan)
-        with suppress(UnsolvedError):
+    def values(scene: Scene) -> dict[str, Any]:
+        try:
             cycle = limit_cycle(scene, duration=duration or SEARCH * scene.rig.time_scale, **how)
-            found = cycle.frequency, cycle.summary["velocity_rms"], float(cycle.stable)
-            values = dict(zip(CYCLE, found, strict=True))
-        return values
+        except UnsolvedError:
+            return dict.fromkeys(CYCLE, np.nan)
+        found = cycle.frequency, cycle.summary["velocity_rms"], float(cycle.stable)
+        return dict(zip(CYCLE, found, strict=True))
 
-    return each(scenes, near)
+    return each_scene(scenes, values)
 
 
 def probability(rig: Rig, theta: Any, mu: Any, samples: int, seed: int, distributions: Any) -> dict[str, Any]:

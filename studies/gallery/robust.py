@@ -186,15 +186,10 @@ STUDY = Study(
         "sobol_samples": Parameter(512, "1", "base of the Sobol indices, a power of 2", common=True),
         "seed": Parameter(0, "1", "seed of the random numbers", common=True),
     },
-    outputs=OUTPUTS,
-    function=probabilities,
+    outputs=OUTPUTS, function=probabilities,
     coords=lambda samples: {
         "sample": Axis(np.arange(checks.count("samples", samples, MOST_SAMPLES)), "1", "number of the draw"),
         "parameter": Axis(list(USUAL), long_name="uncertain parameter"),
     },
-    check=check,
-    derive=derive,
-    summary=summarise,
-    figure=draw,
-    beams=True,
-)
+    check=check, derive=derive, summary=summarise, figure=draw, beams=True,
+)  # fmt: skip

@@ -188,11 +188,7 @@ STUDY = Study(
         "pairs_theta": Parameter(paper.THETA, "degree", "where onset_mu numbers the pairs", common=True),
         "mu_max": Parameter(1.0, "1", "largest friction of interest", common=True),
     },
-    outputs=OUTPUTS,
-    function=sensitivities,
+    outputs=OUTPUTS, function=sensitivities,
     coords={"pair": Axis(np.arange(1, PAIRS + 1), "1", "pair, ascending in onset_mu at pairs_theta")},
-    check=check,
-    summary=summarise,
-    figure=draw,
-    beams=True,
-)
+    check=check, summary=summarise, figure=draw, beams=True,
+)  # fmt: skip

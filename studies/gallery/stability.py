@@ -48,9 +48,8 @@ CLAIMS = (
     Claim("unstable_modes", {}, len(paper.ANGLES_UNSTABLE[paper.THETA]), "3.4.2"),
     *(Claim("unstable_modes", {"theta": x}, 0.0, STEADY) for x in (15.0, *paper.STEADY_ANGLES)),
 )
-# Of stable points, which no shade is like, and of so many unstable pairs, the last of more as well.
-STABLE = "#ececec"
-COUNTS = (STABLE, "#a6dcf7", figures.BLUE, "#00304d")
+# Of so many unstable pairs, the last of more as well.
+COUNTS = (planes.STABLE, "#a6dcf7", figures.BLUE, "#00304d")
 STYLES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (1.3, 1.3)), (0, (6, 1.5, 1.3, 1.5)))
 # Growth rates below this fraction of the largest have one shade.
 FAINTEST = 0.01
@@ -165,80 +164,69 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
     """Growth rate over the plane with the branches; below, frequency and number of unstable pairs."""
-    from matplotlib.colors import ListedColormap, LogNorm
+    from matplotlib.colors import ListedColormap
 
     if min(dataset.sizes["theta"], dataset.sizes["mu"]) == 1:
         return general.draw(dataset)
-    layout = [["growth", "growth"], ["frequency", "count"]]
+    layout, sides = [["growth", "growth"], ["frequency", "count"]], ("theta", "mu")
     figure, panels = figures.mosaic(layout, 17.0, 17.5, height_ratios=(1.45, 1.0))
     growth, count, last = dataset["growth_rate"], dataset["unstable_modes"], len(COUNTS) - 1
-    for name in ("growth", "frequency"):
-        planes.cells(panels[name], 0.0 * growth.where(growth <= 0.0), "theta", "mu", cmap=ListedColormap([STABLE]))
-    if bool((growth > 0.0).any()):
-        grows, kilohertz = growth.where(growth > 0.0), 1e-3 * dataset["frequency"].where(growth > 0.0)
+    grows, look = growth.where(growth > 0.0), dict[str, Any]()
+    if bool(grows.notnull().any()):
         largest, faintest = float(grows.max()), float(grows.min())
-        norm = LogNorm(max(min(faintest, 0.5 * largest), FAINTEST * largest), largest)
-        mesh = planes.cells(panels["growth"], grows, "theta", "mu", norm=norm)
-        figure.colorbar(mesh, ax=panels["growth"], pad=0.02, label="growth rate / (1/s)")
-        mesh = planes.cells(panels["frequency"], kilohertz, "theta", "mu")
-        figure.colorbar(mesh, ax=panels["frequency"], pad=0.02, label="frequency / kHz")
-    look: dict[str, Any] = {"cmap": ListedColormap(list(COUNTS)), "vmin": -0.5, "vmax": last + 0.5}
-    mesh = planes.cells(panels["count"], count.clip(max=last), "theta", "mu", **look)
-    bar = figure.colorbar(mesh, ax=panels["count"], pad=0.02, label="unstable pairs")
-    bar.set_ticks(range(last + 1), labels=[*map(str, range(last)), f"{last}{'+' * bool((count > last).any())}"])
-    handles = draw_branches(panels["growth"], dataset)
-    for k, axes in enumerate(panels.values()):
+        faintest = max(min(faintest, 0.5 * largest), FAINTEST * largest)
+        look = {"norm": "log", "vmin": faintest, "vmax": largest}
+    planes.numbers(panels["growth"], growth, *sides, "growth rate / (1/s)", growth <= 0.0, **look)
+    kilohertz = 1e-3 * dataset["frequency"].where(growth.notnull())
+    planes.numbers(panels["frequency"], kilohertz, *sides, "frequency / kHz", growth <= 0.0)
+    look = {"cmap": ListedColormap(list(COUNTS)), "vmin": -0.5, "vmax": last + 0.5}
+    mesh = planes.numbers(panels["count"], count.clip(max=last), *sides, "unstable pairs", **look)
+    if mesh.colorbar:
+        mesh.colorbar.set_ticks(
+            range(last + 1), labels=[*map(str, range(last)), f"{last}{'+' * bool((count > last).any())}"]
+        )
+    draw_branches(panels["growth"], dataset)
+    for axes in panels.values():
         theta = np.linspace(*axes.get_xlim(), 500)
         bound = np.tan(np.radians(theta))
         bound[(bound < 0.0) | (bound > axes.get_ylim()[1])] = np.nan
         if np.isfinite(bound).any():
-            line = axes.plot(theta, bound, "--", color=figures.GREEN, label="tan θ = μ")
-            handles += [] if k else line
-    handles += draw_paper(panels["growth"]) if is_papers_rig(dataset) else []
-    if handles:
-        figure.legend(handles=handles, loc="outside lower center", ncols=3)
-    figures.letter(
-        panels.values(), ("growth of the least stable mode, and onsets", "its frequency", "unstable pairs")
-    )
+            axes.plot(theta, bound, "--", color=figures.GREEN, label="tan θ = μ")
+    if is_papers_rig(dataset):
+        draw_paper(panels["growth"])
+    figures.legend_below(figure, [panels["growth"]], 3)
+    titles = "growth of the least stable mode, and onsets", "its frequency", "unstable pairs"
+    figures.letter(panels.values(), titles)
     figure.suptitle(f"Steady sliding, modes below {BAND / 1e3:g} kHz{rig_text(dataset)}")
     return figure
 
 
-def draw_branches(axes: Any, dataset: xr.Dataset) -> list[Any]:
-    """Each branch of onsets, and of recoveries, to its ends; handles of a legend."""
-    from matplotlib.lines import Line2D
+def draw_branches(axes: figures.Axes, dataset: xr.Dataset) -> None:
+    """Each branch of onsets, and of recoveries, to its ends."""
     from matplotlib.patheffects import withStroke
 
-    number, handles = dataset["trace_branch"].values, list[Any]()
+    number, count = dataset["trace_branch"].values, 0
     for (dim, (kind, _)), colour in zip(BRANCHES.items(), (figures.BLACK, figures.RED), strict=True):
         for k, frequency in enumerate(dataset[f"{dim}_lowest_frequency"].values):
-            chosen = np.flatnonzero(number == len(handles))
+            chosen, count = np.flatnonzero(number == count), count + 1
             look: dict[str, Any] = {"color": colour, "linestyle": STYLES[k % len(STYLES)], "linewidth": 1.4}
             look |= {"marker": "." if len(chosen) == 1 else "", "label": f"{kind}, {frequency:.0f} Hz"}
             places = dataset["trace_theta"].values[chosen], dataset["trace_mu"].values[chosen]
             axes.plot(*places, path_effects=[withStroke(linewidth=2.8, foreground="white")], **look)
-            handles.append(Line2D([], [], **look))
-    return handles
 
 
-def draw_paper(axes: Any) -> list[Any]:
+def draw_paper(axes: figures.Axes) -> None:
     """The paper's onsets, and at its friction where the rig vibrates and where it slides steadily."""
-    look: dict[str, Any] = {"linestyle": "none", "markersize": 6.5, "markeredgewidth": 1.2, "zorder": 4.0}
-    onsets = [(paper.THETA, mu) for mu, _ in paper.ONSETS]
-    vibrates = [(theta, paper.MU) for theta in sorted(paper.ANGLES_MEASURED)]
-    white = look | {"marker": "D", "markerfacecolor": "white", "markeredgecolor": figures.ORANGE}
-    filled = look | {"marker": "^", "markerfacecolor": figures.ORANGE, "markeredgecolor": "black"}
-    handles = planes.marks(axes, onsets, label="paper: first unstable μ", **white)
-    handles += planes.marks(axes, vibrates, label="paper: vibrates (measured)", **filled)
     slides = [(theta, paper.MU) for theta, frequency in paper.ANGLES.items() if np.isnan(frequency)]
-    blue: dict[str, Any] = {"color": figures.BLUE, "label": "paper: slides steadily (measured)"}
-    steady = planes.marks(axes, slides, marker="o", markeredgecolor="black", **look, **blue)
+    planes.marks(axes, [(paper.THETA, mu) for mu, _ in paper.ONSETS], **planes.PAPER["first unstable μ"])
+    planes.marks(
+        axes, [(theta, paper.MU) for theta in sorted(paper.ANGLES_MEASURED)], **planes.PAPER["vibrates (measured)"]
+    )
+    planes.marks(axes, slides, **planes.PAPER["slides steadily (measured)"])
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    for start, end in np.clip(paper.STEADY_ANGLES, left, right):
-        if start < end and low <= paper.MU <= high:
-            line = axes.plot([start, end], [paper.MU] * 2, linewidth=2.0, zorder=3.5, **blue)
-            steady = steady or line
-    return handles + steady
+    for ends in np.clip(paper.STEADY_ANGLES, left, right):
+        if ends[0] < ends[1] and low <= paper.MU <= high:
+            axes.plot(ends, [paper.MU] * 2, color=figures.BLUE, linewidth=2.0, zorder=3.5)
 
 
 STUDY = Study(
@@ -254,11 +242,5 @@ STUDY = Study(
         "mu": Parameter(spec.evenly(0.0, 0.5, 201), "1", "coefficient of friction"),
     }
     | SLIDING,
-    outputs=OUTPUTS,
-    function=plane,
-    derive=derive,
-    summary=summarise,
-    figure=draw,
-    claims=CLAIMS,
-    normalised=True,
-)
+    outputs=OUTPUTS, function=plane, derive=derive, summary=summarise, figure=draw, claims=CLAIMS, normalised=True,
+)  # fmt: skip

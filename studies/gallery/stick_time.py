@@ -222,19 +222,14 @@ STUDY = Study(
         **ensemble.loading_times(3.0, 1.0, 30.0, "published"),
         "cutoff": replace(RUN["cutoff"], default=CUTOFF),
     },
-    outputs=OUTPUTS,
-    function=sticks,
+    outputs=OUTPUTS, function=sticks,
     coords={"stick": Axis(np.arange(1, KEPT + 1), "1", "long stick, in the order in which they begin")},
-    derive=with_laws,
-    summary=summarise,
-    figure=draw,
+    derive=with_laws, summary=summarise, figure=draw,
     claims=(
         Claim("exponent", {"law": "start_up"}, -1.0, "3.5.4.2"),
         Claim("exponent", {"law": "sustained_0.5_to_4_mm/s"}, -1.0, "2, 3.5.4.2"),
         Claim("start_up_ratio", {}, paper.STICK_RATIO, "3.5.4.2"),
         Claim("sustained_ratio", {}, paper.STICK_RATIO, "3.5.4.2"),
     ),
-    check=check,
-    normalised=True,
-    chaotic=True,
-)
+    check=check, normalised=True, chaotic=True,
+)  # fmt: skip

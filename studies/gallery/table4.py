@@ -90,10 +90,5 @@ STUDY = Study(
         "contact_position": replace(RIG["contact_position"], default=0.085),  # the fitted one; the text's is 80 mm
         "first_frequency": Parameter(paper.FIRST_GLUED, "Hz", "frequency of the tuned head mass", common=True),
     },
-    outputs=OUTPUTS,
-    function=frequencies,
-    summary=summarise,
-    figure=draw,
-    check=check,
-    beams=True,
-)
+    outputs=OUTPUTS, function=frequencies, summary=summarise, figure=draw, check=check, beams=True,
+)  # fmt: skip

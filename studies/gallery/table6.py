@@ -204,14 +204,6 @@ STUDY = Study(
         "members": Parameter(6, "1", "number of realisations at each inclination", common=True),
         **ensemble.until(0.3, 8.0, "published"),
     },
-    outputs=OUTPUTS,
-    function=inclinations,
-    coords=coords,
-    derive=derive,
-    summary=summarise,
-    figure=draw,
-    claims=CLAIMS,
-    check=check,
-    chaotic=True,
-    beams=True,
-)
+    outputs=OUTPUTS, function=inclinations, coords=coords, derive=derive, summary=summarise, figure=draw,
+    claims=CLAIMS, check=check, chaotic=True, beams=True,
+)  # fmt: skip

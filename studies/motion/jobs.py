@@ -57,29 +57,30 @@ def run_one(job: Job, *, balance: bool = True) -> Transient:
     return result
 
 
-def each(
-    points: Sequence[Any], values: Callable[[Any], Mapping[str, Any]], caught: Any = SceneError
-) -> dict[str, Any]:
-    """Values of each point, with the `error` of those without; if no point has values, raise the first."""
-    found: list[Mapping[str, Any]] = []
-    errors: list[Exception | None] = []
-    for point in points:
-        try:
-            found.append(values(point))
-            errors.append(None)
-        except caught as error:
-            errors.append(error)
-    if not found:
+def stacked(found: Sequence[Any]) -> dict[str, Any]:
+    """Values of each point as arrays, with the `error` of those that are one; if all are, the first raises."""
+    errors = [each if isinstance(each, Exception) else None for each in found]
+    if None not in errors:
         raise errors[0]  # type: ignore[misc]
     # A failed point has values too, those of another point: the sweep drops them.
-    rows = iter(found)
-    whole = [found[0] if error else next(rows) for error in errors]
-    return {name: np.stack([row[name] for row in whole]) for name in found[0]} | {"error": errors}
+    some = found[errors.index(None)]
+    whole = [some if error else each for each, error in zip(found, errors, strict=True)]
+    return {name: np.stack([each[name] for each in whole]) for name in some} | {"error": errors}
+
+
+def each_scene(scenes: Sequence[Scene], values: Callable[[Scene], Mapping[str, Any]]) -> dict[str, Any]:
+    """Values of each scene, seen so that V > 0, `stacked`."""
+    found = list[Any]()
+    for scene in scenes:
+        try:
+            found.append(values(scene if scene.V > 0.0 else scene.mirrored()))
+        except (SceneError, ValueError, ArithmeticError) as error:
+            found.append(error)
+    return stacked(found)
 
 
 def outcomes(
-    points: Sequence[Sequence[Job]],
-    values: Callable[[Sequence[Job], Sequence[Transient]], Mapping[str, Any]],
+    points: Sequence[Sequence[Job]], values: Callable[[Sequence[Job], Sequence[Transient]], Mapping[str, Any]]
 ) -> dict[str, Any]:
     """Simulate the jobs of all points of a batch and return what a sweep's function returns.
 
@@ -106,17 +107,12 @@ def outcomes(
     results: Iterator[Any] = map(balanced, every, run_all(every))
     runs = [[next(results) for _ in jobs] for jobs in points]
     errors: list[Any] = [next((each for each in own if isinstance(each, Exception)), None) for own in runs]
-    if None not in errors:
-        raise errors[0]
-    own_values = [
-        values(jobs, own) if error is None else None for jobs, own, error in zip(points, runs, errors, strict=True)
-    ]
-    # A failed point has values too, those of another point: the sweep drops them.
-    some = next(each for each in own_values if each is not None)
-    whole = {name: np.stack([(each or some)[name] for each in own_values]) for name in some}
+    whole = stacked([
+        error or values(jobs, own) for jobs, own, error in zip(points, runs, errors, strict=True)
+    ])  # fmt: skip
     # A run that ends with an error takes no time that counts.
     simulated = np.array(
         [sum(run.summary["simulated_time"] for run in own if isinstance(run, Transient)) for own in runs]
     )
     per_second = (time.perf_counter() - start) / simulated.sum()
-    return whole | {"error": errors, "wall_time": per_second * simulated}
+    return whole | {"wall_time": per_second * simulated}

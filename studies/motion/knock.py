@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fivcore import Scene, checks
 from studies.declaring.parameters import Parameter
 from studies.motion import regimes, starts
+from studies.motion.jobs import each_scene
 from studies.motion.stability import linear_stability
 from sweeps import Variable
 
@@ -75,7 +76,7 @@ def threshold(scene: Scene, largest_knock: float, resolution: float, options: di
 
 def knocks(scenes: Sequence[Scene], largest_knock: float, resolution: float, **options: Any) -> dict[str, Any]:
     """The threshold of each scene."""
-    return starts.each(scenes, lambda scene: threshold(scene, largest_knock, resolution, options))
+    return each_scene(scenes, lambda scene: threshold(scene, largest_knock, resolution, options))
 
 
 def check(largest_knock: Any, resolution: Any, **others: Any) -> None:

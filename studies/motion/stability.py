@@ -9,17 +9,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from fivcore import (
-    FlutterOnsets,
-    Friction,
-    Rig,
-    Scene,
-    Structure,
-    flutter_onsets,
-    model_exponents,
-    sliding_modes,
-    unstable_windows,
-)
+import fivcore
+from fivcore import FlutterOnsets, Friction, Rig, Scene, Structure, flutter_onsets, model_exponents, sliding_modes
 from studies.declaring import labels
 from studies.declaring.labels import number
 from studies.declaring.parameters import FRICTION, SLIDING
@@ -189,7 +180,7 @@ def unstable_intervals(rig: Rig, mu: float, V: float, low: float, high: float) -
     """
     if low == high:
         return _none()
-    found = unstable_windows(rig, mu, *((low, high) if V > 0.0 else (-high, -low)), BAND)
+    found = fivcore.unstable_windows(rig, mu, *((low, high) if V > 0.0 else (-high, -low)), BAND)
     values = {name: np.asarray(getattr(found, field)) for name, (field, _, _) in INTERVALS.items()}
     if V < 0.0:
         # In the mirror an interval begins where it ended; 0 - theta, for -theta makes -0 of 0.

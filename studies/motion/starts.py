@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import (
-    InputError,
-    Scene,
-    SceneError,
-    State,
-    Structure,
-    checks,
-    equilibrium,
-    modal_structure,
-    sliding_modes,
-    sliding_shape,
-)
+import fivcore
+from fivcore import InputError, Scene, State, Structure, checks, sliding_modes, sliding_shape
 from studies.declaring.parameters import RUN, Parameter
-from studies.motion import jobs
 from studies.motion import run as runs
+from studies.motion.jobs import run_one
 
 Array = NDArray[np.float64]
 
@@ -52,7 +42,7 @@ def directions(scene: Scene, names: Sequence[str], mode: int = 0, second_mode: i
     is the least stable. Their shapes leave the contact closed. A knock acts on P1 alone, of a structure from
     matrices on the bodies that are loaded, of one from modes on both sides of the contact.
     """
-    own = modal_structure(scene.rig, scene.theta).motion
+    own = fivcore.modal_structure(scene.rig, scene.theta).motion
     made = np.zeros((len(names), 2, len(own.stiffness)))
     for k, name in enumerate(names):
         if name == "knock":
@@ -74,7 +64,7 @@ def directions(scene: Scene, names: Sequence[str], mode: int = 0, second_mode: i
 
 def knocked(scene: Scene, *impulses: float) -> list[State]:
     """Steady sliding at the moment after each impulse on P1, N s."""
-    q, (_, v) = equilibrium(scene), directions(scene, ["knock"])[0]
+    q, (_, v) = fivcore.equilibrium(scene), directions(scene, ["knock"])[0]
     return [State.of(scene, q, impulse * v) for impulse in impulses]
 
 
@@ -98,15 +88,8 @@ def labels_of(scene: Scene, states: Sequence[State], options: Mapping[str, Any])
     """The regime to which each state leads, an index in `run.REGIMES`; `options` are those of SETTINGS."""
     duration = options["duration"] or DURATION * scene.rig.time_scale
     how = {"ramp": RUN["ramp"].default, "skip_long_sticks": 1, "settle": 0.5 * duration, **options}
-    runs_of = (runs.job(scene, duration, how, step=options["step"], initial=state) for state in states)
-    regimes = [runs.REGIMES.index(jobs.run_one(job).summary["regime"]) for job in runs_of]
-    return np.array(regimes, dtype=np.int8)
-
-
-def each(scenes: Sequence[Scene], values: Callable[[Scene], Mapping[str, Any]]) -> dict[str, Any]:
-    """`jobs.each` of scenes, seen so that V > 0; input that no start can be made from fails its point."""
-    seen = [scene if scene.V > 0.0 else scene.mirrored() for scene in scenes]
-    return jobs.each(seen, values, (SceneError, ValueError, ArithmeticError))
+    jobs = (runs.job(scene, duration, how, step=options["step"], initial=state) for state in states)
+    return np.array([runs.REGIMES.index(run_one(job).summary["regime"]) for job in jobs], dtype=np.int8)
 
 
 def check(V: Any, F: Any, duration: Any, step: Any, cutoff: Any, numerical_damping: Any) -> None:

@@ -32,8 +32,7 @@ SCIPYS = "NAME:SHAPES:LOC:SCALE of scipy.stats"
 OF_FITS = (*BEAM_PARAMETERS, "damping_ratio", "mass_scale", "stiffness_scale", "frequency")
 # What a parameter can be at all; outside a distribution is truncated. The ends of theta are excluded.
 PHYSICAL = dict.fromkeys(
-    (*RIG, "mu", "F", "decay_speed", "ramp", "min_duration", "max_duration", "cutoff", *OF_FITS),
-    (0.0, math.inf),
+    (*RIG, "mu", "F", "decay_speed", "ramp", "min_duration", "max_duration", "cutoff", *OF_FITS), (0.0, math.inf)
 ) | {
     "theta": (math.nextafter(-90.0, 0.0), math.nextafter(90.0, 0.0)),
     **dict.fromkeys(("point_b", "kinetic_ratio"), (0.0, 1.0)),

@@ -10,11 +10,11 @@ import numpy as np
 import xarray as xr
 from scipy.signal import find_peaks
 
-from fivcore import Scene, State, Transient, checks, full_model, loading_time
+from fivcore import Scene, SceneError, State, Transient, checks, full_model, loading_time
 from studies.declaring.parameters import FRICTION, RIG, RUN, SCENE
 from studies.motion import ensemble, regimes, starts
 from studies.motion import run as runs
-from studies.motion.jobs import Job, each, run_one
+from studies.motion.jobs import Job, run_one, stacked
 from studies.motion.stability import linear_stability
 from studies.physics.cells import edges
 from sweeps import Axis, InputError, Variable
@@ -42,8 +42,13 @@ def follow(
     chains: Sequence[tuple[Scene, ...]], member: Any, hold: float, knock: float = 0.0, **run: Any
 ) -> dict[str, Any]:
     """The motion at each value of the parameter, up and down, of each point."""
-    points: list[Any] = list(zip(chains, np.broadcast_to(member, len(chains)).tolist(), strict=True))
-    return each(points, lambda point: loop(point[0], point[1], hold, knock, run))
+    found: list[Any] = []
+    for chain, number in zip(chains, np.broadcast_to(member, len(chains)).tolist(), strict=True):
+        try:
+            found.append(loop(chain, number, hold, knock, run))
+        except SceneError as error:
+            found.append(error)
+    return stacked(found)
 
 
 def loop(chain: Sequence[Scene], number: float, hold: float, knock: float, run: dict[str, Any]) -> dict[str, Any]:

@@ -32,7 +32,7 @@ MANY_DECADES = 200.0
 BLACK, GREY = "#000000", "#7f7f7f"
 BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
 # Of a parameter that is followed up and down.
-WAYS = {"up": (BLUE, "^"), "down": (ORANGE, "v")}
+WAYS = {"up": (GREEN, "^"), "down": (RED, "v")}
 
 STYLE: Any = {
     "font.size": 9.0,

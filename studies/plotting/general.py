@@ -147,9 +147,7 @@ def _draw_plane(axes: figures.Axes, at: xr.Dataset, name: str, x: str, y: str, t
     """A quantity over two parameters, its threshold between the cells, failed points, and the paper's."""
     values = labels.readable(at[name]).astype(float)
     if name == "regime":
-        for each in planes.classes(axes, at[KIND], x, y):
-            colour, hatch = each.get_facecolor(), each.get_hatch()
-            axes.fill_between([], [], facecolor=colour, edgecolor="black", hatch=hatch, label=each.get_label())
+        planes.classes(axes, at[KIND], x, y)
     else:
         log = {"norm": "log"} if at[name].attrs.get("units") == "N s" and values.min() > 0.0 else {}
         text = figures.fitted(labels.label(at[name], long=True), 6.0)

@@ -39,9 +39,12 @@ STABLE = "#ececec"
 PAPER: dict[str, dict[str, Any]] = {
     what: {"marker": marker, "color": "white", "markeredgecolor": "black", "markersize": 6.0, "zorder": 4.0}
     | {"label": f"paper: {what}"}
-    for marker, names in (("D", ("first unstable μ", "periodic")), ("^", ("vibrates (measured)", "intermittent")))
-    for what in names
-}
+    for what, marker in {
+        "first unstable μ": "D", "periodic": "D", "intermittent": "^", "vibrates (measured)": "^",
+        "slides steadily (measured)": "o",
+    }.items()
+}  # fmt: skip
+PAPER["slides steadily (measured)"]["color"] = figures.BLUE
 # Up to so many values each has a tick.
 FEW = 2
 # Planes across and down.
@@ -76,7 +79,11 @@ def classes(axes: figures.Axes, codes: xr.DataArray, x: str, y: str) -> list[Pat
 
     cells(axes, codes, x, y, cmap=ListedColormap(COLOURS), vmin=-0.5, vmax=len(KINDS) - 0.5)
     hatch_failed(axes, codes == FAILED, x, y, linewidth=0.0, label=None)
-    return patches(codes)
+    handles = patches(codes)
+    for each in handles:
+        look: dict[str, Any] = {"facecolor": each.get_facecolor(), "hatch": each.get_hatch()}
+        axes.fill_between([], [], edgecolor="black", linewidth=0.5, label=str(each.get_label()), **look)
+    return handles
 
 
 def numbers(

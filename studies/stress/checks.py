@@ -10,41 +10,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fivcore import (
-    SEPARATION,
-    SLIP,
-    STICK,
-    ContactError,
-    DivergenceError,
-    Normalised,
-    ReducedModel,
-    Rig,
-    Scene,
-    State,
-    Transient,
-    exact,
-    full_model,
-    is_stable_step,
-    largest_stable_step,
-    painleve_mu,
-    published,
-    reduced_model,
-    simulate_many,
-    slip_distance,
-)
+import fivcore
+from fivcore import SEPARATION, SLIP, STICK, Normalised, Rig, Scene, State, Transient, exact, full_model, published
 from studies.motion.run import SCALED
 from studies.stress.cases import CONTACT, DIVERGENCE, DURATION, POINT, VALUE, Case
 
 Check = tuple[float, float]  # a number and the bound that it must not exceed; NaN never passes
 
-ERRORS: dict[str, type[Exception]] = {VALUE: ValueError, CONTACT: ContactError, DIVERGENCE: DivergenceError}
-# Arguments that some edges limit; of the two numbers in V / F, V is moved.
-EDGES = {
-    "fitting step": "step",
-    "samples": "sample_rate",
-    "least V/F": "V",
-    "largest V/F": "V",
+ERRORS: dict[str, type[Exception]] = {
+    VALUE: ValueError,
+    CONTACT: fivcore.ContactError,
+    DIVERGENCE: fivcore.DivergenceError,
 }
+# Arguments that some edges limit; of the two numbers in V / F, V is moved.
+EDGES = {"fitting step": "step", "samples": "sample_rate", "least V/F": "V", "largest V/F": "V"}
 # A value beyond any limit; the word before the limit in a refusal, and how near to the limit its number must be.
 FAR, WORDS, DIGITS = 1e80, ("at most", "at least", "above", "from", "to"), 5e-3
 # Limits that are allowed themselves, how many steps show it, and methods that refuse the argument altogether.
@@ -96,11 +75,11 @@ class RunSpec:
         return Scene(**{name: self.arguments[name] for name in POINT}, rig=self.rig)
 
     @cached_property
-    def model(self) -> ReducedModel:
+    def model(self) -> fivcore.ReducedModel:
         """The model that the method steps through."""
         if self.method == "paper":
             return full_model(self.rig, self.scene.drive_theta)
-        return reduced_model(self.rig, self.scene.drive_theta, **self.chosen("cutoff"))
+        return fivcore.reduced_model(self.rig, self.scene.drive_theta, **self.chosen("cutoff"))
 
     @property
     def step(self) -> float:
@@ -121,7 +100,7 @@ class RunSpec:
         """Simulate it, with some arguments changed."""
         options = {name: value for name, value in self.arguments.items() if name not in POINT}
         options = {"method": self.method, "initial": self.initial, **options, **more}
-        (result,) = simulate_many([self.scene], **options)
+        (result,) = fivcore.simulate_many([self.scene], **options)
         if isinstance(result, Exception):
             raise result
         return result
@@ -141,7 +120,7 @@ def spec_of(case: Case, method: str) -> tuple[RunSpec, float]:
     spec = RunSpec(method, case.rig, case.start, arguments)
     if case.slips_at:
         # The clamp has then moved by V (t - ramp / 2), after the ramp.
-        distance = slip_distance(Normalised.of(spec.scene)) * arguments["F"]
+        distance = fivcore.slip_distance(Normalised.of(spec.scene)) * arguments["F"]
         spec = spec.changed(V=distance / (case.slips_at - 0.5 * arguments["ramp"]))
     value = case.share * LIMITS[case.edge](spec) if case.edge else np.nan
     value = np.nan if case.edge == "fitting step" and not value < published.PAPER_STEP else value
@@ -181,14 +160,16 @@ def _largest_step(spec: RunSpec) -> float:
     if spec.method == "paper":
         return published.largest_step(model.stiffness, model.damping, published.BETA2)
     limit = model.largest_step
-    return limit if is_stable_step(model, mu, limit) else largest_stable_step(model, mu, limit)
+    return limit if fivcore.is_stable_step(model, mu, limit) else fivcore.largest_stable_step(model, mu, limit)
 
 
 # How far each method can be driven: computed from its own functions, or read from its refusal.
 LIMITS: dict[str, Callable[[RunSpec], float]] = {
     "step": _largest_step,
     "fitting step": lambda spec: _largest_step(spec) if spec.method == "paper" else np.nan,
-    "mu": lambda spec: painleve_mu(spec.rig, spec.scene.drive_theta, spec.method, **spec.chosen("cutoff", "step")),
+    "mu": lambda spec: fivcore.painleve_mu(
+        spec.rig, spec.scene.drive_theta, spec.method, **spec.chosen("cutoff", "step")
+    ),
     "least V/F": lambda spec: stated(spec.changed(V=1.0 / FAR).refusal(), "from"),
     "largest V/F": lambda spec: stated(spec.changed(V=FAR).refusal(), "to"),
     "cutoff": lambda spec: stated(replace(spec.changed(cutoff=1.0), method="fast").refusal(), "above"),

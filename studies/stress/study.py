@@ -133,10 +133,7 @@ STUDY = Study(
     OUTPUTS,
     battery,
     paper="Section 3.3 gives the step and the constants of the published scheme, from which its limits follow.",
-    derive=describe,
-    summary=summary,
-    figure=figure,
+    derive=describe, summary=summary, figure=figure,
     coords={"check": Axis(list(CHECKS), long_name="check")},
-    chaotic=True,
-    beams=True,
-)
+    chaotic=True, beams=True,
+)  # fmt: skip

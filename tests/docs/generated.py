@@ -14,6 +14,7 @@ import xarray as xr
 
 from studies import registry
 from studies.answering import claims
+from studies.cli.options import catalogue
 from studies.cli.output import about
 from studies.gallery import stribeck
 from studies.physics import loops
@@ -132,7 +133,7 @@ def questions_table(_: str) -> str:
     rows = []
     for each in QUESTIONS:
         name = each.reference or each.study
-        known = registry.catalogue().get(each.study)
+        known = catalogue().get(each.study)
         answer, figure = each.answer, each.figure or f"[figure](results/reference/{name}/{name}.png)"
         if callable(answer):
             with xr.open_dataset(REFERENCE / name / f"{name}.nc") as data:

@@ -138,6 +138,13 @@ def test_studies_import_from_the_floors_below_only():
         assert names <= {*FLOORS[: FLOORS.index(name)]}, name
 
 
+def test_no_study_of_the_gallery_imports_another():
+    """What studies share is physics, or how it is drawn."""
+    graph = module_imports("studies")
+    pairs = {(n, each) for n in graph for each in graph[n] if n.startswith("studies.gallery.")}
+    assert {pair for pair in pairs if pair[1].startswith("studies.gallery.")} == set()
+
+
 def test_the_root_of_studies_is_a_hall():
     assert len([*(HOME / "studies").glob("*.py")]) <= 6
 

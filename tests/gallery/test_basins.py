@@ -12,6 +12,7 @@ from studies.declaring.parameters import RUN
 from studies.gallery import maps
 from studies.gallery.classics import block_of
 from studies.motion import knock, starts
+from studies.motion.jobs import each_scene
 from studies.physics import loops
 
 OPTIONS = {"duration": None, "step": None, "cutoff": None, "numerical_damping": "none"}
@@ -146,7 +147,7 @@ def basin(scene):
         states = [State.of(seen, q, size * v) for size in (-1e-3, 1e-3, 1e-2)]
         return {"label": starts.labels_of(seen, states, OPTIONS | {"duration": 0.3})}
 
-    return starts.each([scene], labels)["label"].tolist()
+    return each_scene([scene], labels)["label"].tolist()
 
 
 def knocked(scene):

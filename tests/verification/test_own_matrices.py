@@ -13,6 +13,7 @@ from fivcore.transient.normalised import Normalised
 from studies.accuracy.rigs import drawn_scene
 from studies.declaring.parameters import RUN
 from studies.motion import knock, regimes, starts
+from studies.motion.jobs import each_scene
 from studies.physics import loops
 from tests.benchmarks.constants import apart, shares
 from tests.helpers.structures import beams
@@ -105,7 +106,7 @@ def test_knock_thresholds(number):
     mu = 0.9 * float(flutter_onsets(*seen(scene)).mu[0])
     options = OPTIONS | {"cutoff": default_cutoff(scene.rig)}
     found = [
-        starts.each([replace(each, mu=mu)], lambda each: knock.threshold(each, 1e-2, 0.02, options))
+        each_scene([replace(each, mu=mu)], lambda each: knock.threshold(each, 1e-2, 0.02, options))
         for each in (scene, own)
     ]
     (one, other), errors = ([float(each[name][0]) for each in found] for name in knock.OUTPUTS)
