@@ -19,8 +19,7 @@ from studies.physics import cycles, phases
 from studies.plotting import figures, planes, signals
 from studies.study import Claim, Parameter, Study
 
-MOST_COLUMNS = 3
-PEAKS = ("normal_force", "slip_speed")
+MOST_COLUMNS, PEAKS = 3, ("normal_force", "slip_speed")
 CLAIMS = tuple(
     Claim(name, {"V": V}, value, "3.5.4.1" if V == 5e-3 else "3.5.4.2")
     for V, peaks in paper.CONTACT_PEAKS.items()
@@ -39,8 +38,7 @@ def contacts(
     """The contact of each scene in the window and in the overview, and the summary of its whole run."""
     times = phases.coords(window_start, window, overview, sample_rate)["elapsed"].values
     # Every step of the whole run would fill the memory: the recorded part is run again.
-    recorded: dict[str, Any] = {"record": True, "sample_rate": None}
-    lengths: Any = ((duration, {}), (max(window_start + window, overview), recorded))
+    lengths: Any = ((duration, {}), (max(window_start + window, overview), {"record": True, "sample_rate": None}))
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         whole, part = runs
@@ -157,11 +155,6 @@ STUDY = Study(
         **published(RUN),
     },
     outputs=phases.SERIES | phases.OVERVIEW | phases.START | cycles.CYCLE_SERIES | cycles.CYCLE | run.SUMMARY,
-    function=contacts,
-    coords=phases.coords,
-    check=check,
-    summary=summarise,
-    figure=draw,
-    claims=CLAIMS,
+    function=contacts, coords=phases.coords, check=check, summary=summarise, figure=draw, claims=CLAIMS,
     chaotic=True,
-)
+)  # fmt: skip

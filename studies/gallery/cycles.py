@@ -31,10 +31,8 @@ def bifurcations(
 ) -> dict[str, Any]:
     """Hysteresis, knock thresholds and branches of limit cycles of each chain of scenes."""
     found = loops.follow(chains, 1.0, hold, **how)
-    rows = [
-        branches.of_chain(*each, follow, hold, most, edges, how)
-        for each in zip(chains, found["regime"], strict=True)
-    ]
+    points = zip(chains, found["regime"], strict=True)
+    rows = [branches.of_chain(*point, follow, hold, most, edges, how) for point in points]
     own = {n: v for n, v in found.items() if n in branches.OUTPUTS or n == "error"}
     return own | {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
@@ -156,12 +154,6 @@ STUDY = Study(
         ),
     }
     | RUN,
-    outputs=branches.OUTPUTS,
-    function=bifurcations,
-    coords=branches.coords,
-    derive=loops.derive,
-    summary=summarise,
-    figure=draw,
-    check=check,
-    chaotic=True,
-)
+    outputs=branches.OUTPUTS, function=bifurcations, coords=branches.coords, derive=loops.derive,
+    summary=summarise, figure=draw, check=check, chaotic=True,
+)  # fmt: skip

@@ -21,8 +21,8 @@ from sweeps import Variable
 
 # Colours and line styles of the inclinations; of more an evenly spaced subset is drawn.
 LOOKS = ((figures.BLUE, "-"), (figures.ORANGE, "-"), (figures.GREEN, "--"), (figures.BLACK, ":"))
-# How long growth or decay is followed, s; below this share of V there is but rounding; depth of the spectra, dB.
-FOLLOWED, NOTHING, DEPTH = 0.1, 1e-9, 200.0
+# Below this share of V there is but rounding; depth of the spectra, dB.
+NOTHING, DEPTH = 1e-9, 200.0
 PSD = "power spectral density of the velocity of B after settling"
 OUTPUTS = {
     "velocity_B": Variable("m s-1", "velocity of B along x", ("elapsed",), "float32"),
@@ -82,7 +82,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     top.set(xlim=(0.0, float(dataset["duration"])), xlabel="time since the drive started / s")
     top.set_ylabel("velocity of B / (mm/s)")
     growth.plot([], [], "--", color=figures.RED, label="growth of the least stable mode of steady sliding")
-    growth.set(yscale="log", xlim=(0.0, FOLLOWED), xlabel="time since the first slip / s")
+    growth.set(yscale="log", xlim=(0.0, signals.SLOPE), xlabel="time since the first slip / s")
     growth.set_ylabel("velocity of B about its mean,\nlargest in 0.5 ms / (m/s)")
     if is_papers_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED):
         signals.mark_lines(tones, [paper.ANGLES[10.0]], ":", "measured at 10°")
@@ -95,24 +95,15 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
 
 
 def _draw_growth(axes: figures.Axes, point: xr.Dataset, colour: str) -> None:
-    """Largest velocity in every half millisecond from the first slip on, and the slope of linear stability."""
+    """The velocity about its mean from the first slip on."""
     first, elapsed = float(point["first_slip_time"]), point["elapsed"].values
-    since = (elapsed >= first) & (elapsed < first + FOLLOWED)
-    velocity, time = point["velocity_B"].values.astype(float), elapsed[since] - first
-    edges: Any = np.unique(np.searchsorted(time, np.arange(0.0, time[-1], FOLLOWED / 200))) if len(time) else ()
-    if not len(edges):
-        return
+    since, velocity = (
+        (elapsed >= first) & (elapsed < first + signals.SLOPE),
+        point["velocity_B"].values.astype(float),
+    )
     distance = np.abs(velocity[since] - velocity[-len(elapsed) // 4 :].mean())
-    time, largest = time[edges], np.maximum.reduceat(distance, edges)
-    axes.plot(time, np.where(largest > NOTHING * abs(float(point["V"])), largest, np.nan), color=colour)
-    rate, last = float(point["mode_growth_rate"]), min(int(np.searchsorted(time, 0.2 * FOLLOWED)), len(time) - 1)
-    ends = np.array([time[last], 0.8 * FOLLOWED])
-    if rate > 0.0:
-        # Growth is linear until it comes near its saturation.
-        last = int(np.argmax(largest >= 0.5 * np.median(largest)))
-        ends = np.array([time[last] - 3.0 / rate, time[last]])
-    slope = 2.0 * largest[last] * np.exp(rate * (ends - time[last]))
-    axes.plot(ends, slope, color=figures.RED, linestyle="--", zorder=3.0)
+    nothing = NOTHING * abs(float(point["V"]))
+    signals.growth(axes, elapsed[since] - first, distance, float(point["mode_growth_rate"]), nothing, colour)
 
 
 STUDY = Study(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore import Scene, Transient, glued_frequencies
+from fivcore import Scene, Transient
 from studies import paper
 from studies.answering.claims import is_papers_point
 from studies.answering.measured import Signal
@@ -16,15 +16,13 @@ from studies.answering.results import rig_of, with_variables
 from studies.declaring import labels
 from studies.declaring.parameters import RUN, published
 from studies.motion import regimes, run, series
+from studies.physics import lines
 from studies.plotting import figures, planes, signals
 from studies.study import Claim, Parameter, Study
 from sweeps import Variable
 
 # Rows of the figure, of more speeds an evenly spaced subset; depth of the spectra, dB.
 MOST_ROWS, DEPTH = 6, 100.0
-# A peak within this share of a multiple of the dominant frequency is its harmonic; the median within this share of
-# the main line's frequency is its foot.
-HARMONIC, FOOT = 0.01, 0.25
 SPECTRA = {
     "spectrum": "power spectral density of the velocity of B after settling",
     "spectrum_vibrating": "power spectral density of the velocity of B after settling, outside long sticks",
@@ -62,41 +60,9 @@ def histories(
 
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:
-    """Add the modes of the glued rig, which ring while it sticks, and the harmonics of the dominant frequency."""
-    rig, points = rig_of(dataset), [dataset.isel(V=k) for k in range(dataset.sizes["V"])]
-    # Each element has three freedoms, one of P1 is held at A and two are glued.
-    count = min(8, 3 * (rig.p1.elements + rig.p2.elements) - 1)
-    glued = glued_frequencies(rig, float(dataset["theta"]), count)
-    harmonics = [[_harmonic(of, order) for order in (2, 3)] for of in points]
-    added: dict[str, Any] = {
-        "glued_frequency": ("glued_mode", glued, "Hz", "natural frequency of the rig glued at its contact"),
-        "harmonic_frequency": (
-            ("V", "harmonic"),
-            harmonics,
-            "Hz",
-            "peak of the spectrum within 1 % of a multiple of the dominant frequency",
-        ),
-        "line_height_dB": (
-            "V",
-            [*map(_line_height, points)],
-            "1",
-            "main line of the spectrum over the median within 25 % of its frequency, dB",
-        ),
-        "harmonic": ("harmonic", [2, 3], "1", "order of the harmonic"),
-    }
-    return with_variables(dataset, added)
-
-
-def _line_height(point: xr.Dataset) -> float:
-    """Height of the main line over its foot, dB: how sharp it is; NaN without vibration."""
-    main, frequency = float(regimes.dominant_frequency(point)), point["frequency"].values
-    near = point["spectrum_vibrating"].values[np.abs(frequency - main) <= FOOT * main]
-    return float(np.ptp(series.decibels([near.max(), np.median(near)]))) if near.size else np.nan
-
-
-def _harmonic(point: xr.Dataset, order: int) -> float:
-    target = order * float(regimes.dominant_frequency(point))
-    return series.peak_near(point["frequency"].values, point["spectrum_vibrating"].values, target, HARMONIC)
+    """Add the modes of the glued rig, which ring while it sticks, and the lines of the spectra."""
+    glued = lines.glued(rig_of(dataset), float(dataset["theta"]))
+    return with_variables(dataset, lines.of_points(dataset) | glued)
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
@@ -154,16 +120,11 @@ def _draw_speed(left: figures.Axes, right: figures.Axes, point: xr.Dataset) -> N
     left.set_ylabel("velocity of B / (mm/s)")
     if kind == "failed":
         return
-    elapsed = point["elapsed"].values
+    elapsed, frequency = point["elapsed"].values, point["frequency"]
     figures.trace(left, elapsed, 1e3 * point["velocity_B"].values.astype(float), color=figures.BLUE)
-    sticks = series.runs_of_true(point["long_stick"].values == 1.0)
-    spans = [(elapsed[begin], elapsed[end - 1] - elapsed[begin]) for begin, end in sticks]
-    # Without snapping, which may hide what is narrower than a pixel.
-    look: dict[str, Any] = {"snap": False, "color": figures.BLACK, "linewidth": 0.0, "label": "long stick"}
-    left.broken_barh(spans, (0.0, 0.045), transform=left.get_xaxis_transform(), **look)
-    signals.spectrum(right, point["frequency"], point["spectrum"], linewidth=1.0, label="after settling")
-    look = {"color": figures.BLACK, "label": "within long sticks"}
-    signals.spectrum(right, point["frequency"], point["spectrum_stuck"], **look)
+    signals.mark_parts(left, elapsed, point["long_stick"].values == 1.0, "long stick")
+    signals.spectrum(right, frequency, point["spectrum"], linewidth=1.0, label="after settling")
+    signals.spectrum(right, frequency, point["spectrum_stuck"], color=figures.BLACK, label="within long sticks")
     if np.isfinite(main):
         right.set_title(f"dominant frequency {main:.0f} Hz", loc="left")
 
@@ -193,14 +154,6 @@ STUDY = Study(
         "sample_rate": Parameter(25e3, "Hz", "sampling rate of the series", common=True),
     }
     | published(RUN),
-    outputs=OUTPUTS,
-    function=histories,
-    coords=series.coords,
-    check=run.check,
-    derive=derive,
-    summary=summarise,
-    figure=draw,
-    claims=CLAIMS,
-    chaotic=True,
-    beams=True,
-)
+    outputs=OUTPUTS, function=histories, coords=series.coords, check=run.check, derive=derive, summary=summarise,
+    figure=draw, claims=CLAIMS, chaotic=True, beams=True,
+)  # fmt: skip

@@ -90,12 +90,6 @@ STUDY = Study(
         ),
     }
     | RUN,
-    outputs=loops.OUTPUTS,
-    function=loops.follow,
-    coords=loops.COORDS,
-    derive=loops.derive,
-    summary=summarise,
-    figure=draw,
-    check=loops.check,
-    chaotic=True,
-)
+    outputs=loops.OUTPUTS, function=loops.follow, coords=loops.COORDS, derive=loops.derive, summary=summarise,
+    figure=draw, check=loops.check, chaotic=True,
+)  # fmt: skip

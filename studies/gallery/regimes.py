@@ -118,14 +118,6 @@ STUDY = Study(
     | ensemble.members(1)
     # Beside the paper's regimes, and stability below 10 kHz: without that damping modes above it grow first.
     | ensemble.until(0.3, 16.0, "published"),
-    outputs=OUTPUTS,
-    function=motions,
-    coords=ensemble.coords,
-    check=ensemble.check,
-    derive=derive,
-    summary=summarise,
-    figure=draw,
-    claims=CLAIMS,
-    normalised=True,
-    chaotic=True,
-)
+    outputs=OUTPUTS, function=motions, coords=ensemble.coords, check=ensemble.check, derive=derive,
+    summary=summarise, figure=draw, claims=CLAIMS, normalised=True, chaotic=True,
+)  # fmt: skip

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from fivcore import Scene, Transient, checks, sliding_modes
+from fivcore import Scene, Transient, checks
 from studies import paper
 from studies.answering.claims import is_papers_point
 from studies.answering.results import rig_of
@@ -18,35 +17,17 @@ from studies.declaring import labels, spec
 from studies.declaring.parameters import Parameter
 from studies.motion import ensemble, regimes, stability
 from studies.motion.jobs import Job, outcomes
-from studies.motion.run import BAND, SUMMARY
-from studies.motion.series import runs_of_true
 from studies.physics import cells
 from studies.plotting import angles, figures, planes
 from studies.study import Claim, Study
 from sweeps import Axis, Variable
 
-PAIRS = 8  # the paper's rig has two unstable ones at mu = 0.2 and at most four up to mu = 2
-AVERAGED = ("velocity_rms", "stick_fraction", "slip_fraction", "separation_fraction")
-KEPT = ("regime", "dominant_frequency", *AVERAGED)
 MOST_ROWS = 31  # of the table by inclination
-
-
-def _of(name: str, whose: str, *dims: str) -> Variable:
-    return replace(SUMMARY[name], long_name=f"{SUMMARY[name].long_name}, {whose}", dims=dims)
-
-
 OUTPUTS = {
-    "unstable_modes": Variable("1", "number of unstable modes of steady sliding below 10 kHz", (), "int16"),
-    "frequency": Variable("Hz", "frequency of the unstable pair of steady sliding", ("pair",)),
-    "growth_rate": Variable("s-1", "growth rate of the unstable pair of steady sliding", ("pair",)),
+    **stability.UNSTABLE_PAIRS,
     **stability.LEAST_STABLE,
     "duration": Variable("s", "simulated time, mean of the realisations"),
-    "regime": replace(SUMMARY["regime"], long_name="regime of most realisations"),
-    "regime_share": Variable("1", "fraction of the realisations in the regime of most"),
-    "dominant_frequency": _of("dominant_frequency", "lower median of the vibrating realisations"),
-    **{name: _of(name, "mean of the realisations") for name in AVERAGED},
-    **{f"member_{name}": _of(name, "of one realisation", "member") for name in KEPT},
-    **{name: replace(each, scale="") for name, each in ensemble.motion_outputs().items()},
+    **ensemble.average_outputs(),
 }
 AT = {"theta": paper.THETA, "V": paper.ANGLES_SPEED}
 CLAIMS = (
@@ -63,43 +44,16 @@ def inclinations(scenes: Sequence[Scene], members: int, **run: Any) -> dict[str,
     """Unstable pairs of steady sliding, and the motion of an ensemble, at each inclination."""
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
-        rate, frequency = stability.least_stable(jobs[0].scene)
-        motion = averages(runs) | {"duration": np.mean([run.summary["simulated_time"] for run in runs])}
-        return unstable_pairs(jobs[0].scene) | {"mode_growth_rate": rate, "mode_frequency": frequency} | motion
+        scene, duration = jobs[0].scene, np.mean([run.summary["simulated_time"] for run in runs])
+        least = dict(zip(stability.LEAST_STABLE, stability.least_stable(scene), strict=True))
+        return stability.unstable_pairs(scene) | least | ensemble.averages(runs) | {"duration": duration}
 
     return outcomes([ensemble.ensemble(scene, members, run) for scene in scenes], values)
 
 
-def unstable_pairs(scene: Scene) -> dict[str, Any]:
-    """Number of the unstable pairs; frequency and growth rate of the least stable ones, ascending in frequency."""
-    modes = sliding_modes(scene.rig, scene.drive_theta, scene.mu, BAND, **stability.sliding_of(scene))
-    unstable = np.flatnonzero(modes.unstable)
-    least_stable = np.argsort(-modes.growth_rate[unstable], kind="stable")[:PAIRS]
-    chosen = np.sort(unstable[least_stable])  # modes ascend in frequency
-    frequency, growth = np.full((2, PAIRS), np.nan)
-    frequency[: len(chosen)], growth[: len(chosen)] = modes.frequency[chosen], modes.growth_rate[chosen]
-    return {"unstable_modes": len(unstable), "frequency": frequency, "growth_rate": growth}
-
-
-def averages(runs: Sequence[Transient]) -> dict[str, Any]:
-    """The motion of a scene's realisations: of each, and of all together."""
-    summaries = ensemble.summaries(runs)
-    one = {name: summaries[name] for name in KEPT}
-    vibrates = regimes.is_of(one["regime"], *regimes.VIBRATING)
-    one["dominant_frequency"] = np.where(vibrates, one["dominant_frequency"], np.nan)
-    most, counts = ensemble.majority(one["regime"])
-    together = {name: one[name].mean() for name in AVERAGED} | {
-        "regime": most,
-        "regime_share": counts[most] / len(runs),
-    }
-    together["dominant_frequency"] = ensemble.middle(one["dominant_frequency"])
-    apart = ensemble.motions(summaries, runs[0].scene.V)
-    return together | {f"member_{name}": values for name, values in one.items()} | apart
-
-
 def coords(members: int) -> dict[str, Axis]:
     """The pairs and the realisations, counted from 1."""
-    pair = Axis(np.arange(1, PAIRS + 1), "1", "unstable pair, ascending in frequency")
+    pair = Axis(np.arange(1, stability.PAIRS + 1), "1", "unstable pair, ascending in frequency")
     member = Axis(np.arange(1, members + 1), "1", "realisation, by the ramp of the drive")
     return {"pair": pair, "member": member} | ensemble.APART
 
@@ -115,27 +69,21 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
     return stability.with_unstable_intervals(dataset, rig_of(dataset), float(dataset["mu"]), float(dataset["V"]))
 
 
-def ranges(theta: Any, chosen: Any) -> str:
-    """The chosen inclinations as ranges of neighbours: "-10 to 0.5, 11 to 20 degrees"."""
-    texts = [" to ".join(f"{x:g}" for x in np.unique(theta[[a, b - 1]])) for a, b in runs_of_true(chosen)]
-    return f"{', '.join(texts)} degrees" if texts else "no inclination"
-
-
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """Stability and motion at each inclination, the unstable intervals, and what is unusual."""
     theta, unstable = dataset["theta"].values, dataset["unstable_modes"].values
     kinds = np.array(regimes.KINDS)[regimes.kinds(dataset)]
-    vibrates = ranges(theta, np.isin(kinds, regimes.VIBRATING))
-    yield f"Steady sliding is unstable at {ranges(theta, unstable > 0)}; the rig vibrates at {vibrates}."
+    vibrates = regimes.ranges(theta, np.isin(kinds, regimes.VIBRATING))
+    yield f"Steady sliding is unstable at {regimes.ranges(theta, unstable > 0)}; the rig vibrates at {vibrates}."
     papers = np.flatnonzero(np.isin(theta, [*paper.ANGLES_MEASURED, *paper.ANGLES])).tolist()
     rows = sorted({*planes.subset(len(theta), MOST_ROWS), *papers})
-    names = ("theta", "mode_growth_rate", "dominant_frequency", *AVERAGED[:2], AVERAGED[3], "regime_share")
-    table = labels.frame(dataset.isel(theta=rows), names, along="theta")
+    names = (
+        "theta mode_growth_rate dominant_frequency velocity_rms stick_fraction separation_fraction regime_share"
+    )
+    table = labels.frame(dataset.isel(theta=rows), names.split(), along="theta")
     table.columns = ["θ °", "growth 1/s", "dominant Hz", "RMS mm/s", "stick", "separation", "of realisations"]
-    pairs = [
-        ", ".join(f"{f:.0f}" for f in row[np.isfinite(row)]) or "-" for row in dataset["frequency"].values[rows]
-    ]
-    table.insert(1, "unstable Hz", pairs)
+    hertz = dataset["frequency"].values[rows]
+    table.insert(1, "unstable Hz", [", ".join(f"{f:.0f}" for f in row[np.isfinite(row)]) or "-" for row in hertz])
     table.insert(7, "regime", kinds[rows])
     yield f"By inclination{planes.of_all(rows, len(theta))}; growth of the least stable mode", table
     yield from stability.intervals_summary(dataset, float(dataset["mu"]))
@@ -143,16 +91,18 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     counts = pd.crosstab(motion.ravel(), np.repeat(unstable, motion.shape[1]), colnames=["unstable modes"])
     counts = counts.rename(columns="{:g}".format).rename_axis("regime").reset_index()
     yield "Realisations by regime and number of unstable modes", counts
-    inside = (dataset["window_from"] <= dataset["theta"]) & (dataset["theta"] <= dataset["window_to"])
+    inside = ((dataset["window_from"] <= dataset["theta"]) & (dataset["theta"] <= dataset["window_to"])).sum(
+        "window"
+    )
     most = float(dataset["max_duration"])
     cases = {
-        "A mode is unstable outside of the unstable intervals": (len(theta) > 1)
-        & (unstable > inside.sum("window").values),
-        f"More than {PAIRS} modes are unstable, and the least stable are kept": unstable > PAIRS,
+        "A mode is unstable outside of the unstable intervals": (len(theta) > 1) & (unstable > inside.values),
+        f"More than {stability.PAIRS} modes are unstable, and the least stable are kept": unstable
+        > stability.PAIRS,
         "The realisations differ in regime": dataset["regime_share"].values < 1.0,
         f"The longest simulated time, {most:g} s, ended the runs": dataset["duration"].values >= most,
     }
-    yield from (f"{case}: {ranges(theta, where)}." for case, where in cases.items() if where.any())
+    yield from (f"{case}: {regimes.ranges(theta, where)}." for case, where in cases.items() if where.any())
 
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
@@ -185,7 +135,6 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     for axes in panels:
         if axes.get_legend_handles_labels()[0]:
             axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
-    strips.set_xlabel(labels.label(dataset["theta"]))
     title = f"Stability and motion over the inclination, {figures.place(dataset, 'V', 'mu', 'F')}"
     figure.suptitle(f"{title}\n{regimes.damping_text(dataset)}")
     return figure

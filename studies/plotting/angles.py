@@ -8,8 +8,10 @@ import numpy as np
 import xarray as xr
 
 from studies import paper
+from studies.declaring import labels
 from studies.motion import regimes
 from studies.physics import cells
+from studies.physics.onsets import BRANCHES
 from studies.plotting import figures, planes
 
 # The paper's statements on frequencies, by inclination, and their markers.
@@ -18,6 +20,7 @@ PAPER: dict[str, tuple[Any, str]] = {
     "dominant, simulated": (paper.ANGLES_SIMULATED, "x"),
     "unstable pair": (paper.ANGLES_UNSTABLE, "^"),
 }
+STYLES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (1.3, 1.3)), (0, (6, 1.5, 1.3, 1.5)))
 
 
 def points(axes: figures.Axes, array: xr.DataArray, label: str, **look: Any) -> None:
@@ -59,4 +62,33 @@ def regime_strips(axes: figures.Axes, dataset: xr.Dataset, papers: bool) -> None
     top = 1.0 + 0.5 * max(len(windows), 1)
     axes.set_yticks([-0.6, 0.4, 0.5 * (1.0 + top)], ["paper's text", "realisations", "unstable"])
     axes.grid(False)
+    axes.set_xlabel(labels.label(dataset["theta"]))
     axes.axis((ends[0], ends[-1], -1.1 if papers else -0.1, top))
+
+
+def onset_branches(axes: figures.Axes, dataset: xr.Dataset) -> None:
+    """Each branch of onsets, and of recoveries, to its ends."""
+    from matplotlib.patheffects import withStroke
+
+    number, count = dataset["trace_branch"].values, 0
+    for (dim, (kind, _)), colour in zip(BRANCHES.items(), (figures.BLACK, figures.RED), strict=True):
+        for k, frequency in enumerate(dataset[f"{dim}_lowest_frequency"].values):
+            chosen, count = np.flatnonzero(number == count), count + 1
+            look: dict[str, Any] = {"color": colour, "linestyle": STYLES[k % len(STYLES)], "linewidth": 1.4}
+            look |= {"marker": "." if len(chosen) == 1 else "", "label": f"{kind}, {frequency:.0f} Hz"}
+            places = dataset["trace_theta"].values[chosen], dataset["trace_mu"].values[chosen]
+            axes.plot(*places, path_effects=[withStroke(linewidth=2.8, foreground="white")], **look)
+
+
+def paper_plane(axes: figures.Axes) -> None:
+    """The paper's onsets, and at its friction where the rig vibrates and where it slides steadily."""
+    slides = [(theta, paper.MU) for theta, frequency in paper.ANGLES.items() if np.isnan(frequency)]
+    planes.marks(axes, [(paper.THETA, mu) for mu, _ in paper.ONSETS], **planes.PAPER["first unstable μ"])
+    planes.marks(
+        axes, [(theta, paper.MU) for theta in sorted(paper.ANGLES_MEASURED)], **planes.PAPER["vibrates (measured)"]
+    )
+    planes.marks(axes, slides, **planes.PAPER["slides steadily (measured)"])
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    for ends in np.clip(paper.STEADY_ANGLES, left, right):
+        if ends[0] < ends[1] and low <= paper.MU <= high:
+            axes.plot(ends, [paper.MU] * 2, color=figures.BLUE, linewidth=2.0, zorder=3.5)

@@ -6,7 +6,7 @@ Matplotlib is imported when something is drawn: workers and `fiv --help` never n
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
 from io import BytesIO
@@ -31,6 +31,7 @@ MANY_DECADES = 200.0
 # Okabe and Ito's palette; distinct in grey by lightness and by the markers used with it.
 BLACK, GREY = "#000000", "#7f7f7f"
 BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
+COLOURS = (BLUE, BLACK, ORANGE, GREEN, RED)
 # Of a parameter that is followed up and down.
 WAYS = {"up": (GREEN, "^"), "down": (RED, "v")}
 
@@ -193,6 +194,16 @@ def curve(axes: Axes, x: Any, y: Any, error: Any = None, ends: Any = None, **loo
         error = np.abs(np.asarray(ends) - y) if ends is not None else error
         bars = None if error is None else np.nan_to_num(np.asarray(error))
         axes.errorbar(x, y, bars, **{"markersize": 4.0, "linewidth": 0.8, "capsize": 2.0} | look)
+
+
+def distributions(axes: Axes, samples: Mapping[str, Any]) -> None:
+    """The fraction of each sample below a value."""
+    for (label, values), colour, style in zip(samples.items(), COLOURS, ("-", "--", "-.", ":"), strict=False):
+        axes.ecdf(values, color=colour, linestyle=style, label=label)
+    axes.set_ylim(0.0, 1.02)
+    if samples:
+        axes.set_xlim(left=0.0)
+        axes.legend(loc="upper left")
 
 
 def spans(axes: Axes, intervals: Iterable[Any], label: str = "", **look: Any) -> None:

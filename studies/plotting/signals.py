@@ -20,6 +20,8 @@ SHADES: dict[int, dict[str, Any]] = {
     SEPARATION: {"facecolor": "#fbe3b5", "edgecolor": "#e0b050", "hatch": "//////"},
 }
 CURVES = {SLIP: ("-", figures.BLUE), SEPARATION: ("--", figures.ORANGE), STICK: (".-", figures.BLACK)}
+# How long growth or decay is shown, s.
+SLOPE = 0.1
 # Where the number of a phase is written, points from its middle.
 OFFSETS = {1: (0, 11), 2: (14, -6), 3: (0, -12), 4: (-8, 13)}
 PHASES = "(1) stick, (2) slip, (3) separation, (4) slip"
@@ -43,6 +45,34 @@ def mark_lines(axes: figures.Axes, hertz: Iterable[float], style: str, text: str
     for each in hertz:
         look: dict[str, Any] = {"color": figures.RED, "linewidth": 1.0, "zorder": 1.5, "label": f"paper: {text}"}
         axes.axvline(1e-3 * each, linestyle=style, **look)
+
+
+def mark_parts(axes: figures.Axes, time: Any, chosen: Any, label: str) -> None:
+    """A bar at the bottom along the chosen parts of a signal."""
+    spans = [(time[begin], time[end - 1] - time[begin]) for begin, end in series.runs_of_true(chosen)]
+    # Without snapping, which may hide what is narrower than a pixel.
+    look: dict[str, Any] = {"snap": False, "color": figures.BLACK, "linewidth": 0.0, "label": label}
+    axes.broken_barh(spans, (0.0, 0.045), transform=axes.get_xaxis_transform(), **look)
+
+
+def growth(axes: figures.Axes, time: Any, distance: Any, rate: float, nothing: float, colour: str) -> None:
+    """Largest distances from a mean in short intervals, and the slope of linear stability beside them.
+
+    Intervals are a 200th of the time; below `nothing` there is but rounding.
+    """
+    edges: Any = np.unique(np.searchsorted(time, np.arange(0.0, time[-1], SLOPE / 200))) if len(time) else ()
+    if not len(edges):
+        return
+    time, largest = time[edges], np.maximum.reduceat(distance, edges)
+    axes.plot(time, np.where(largest > nothing, largest, np.nan), color=colour)
+    last = min(int(np.searchsorted(time, 0.2 * SLOPE)), len(time) - 1)
+    ends = np.array([time[last], 0.8 * SLOPE])
+    if rate > 0.0:
+        # Growth is linear until it comes near its saturation.
+        last = int(np.argmax(largest >= 0.5 * np.median(largest)))
+        ends = np.array([time[last] - 3.0 / rate, time[last]])
+    slope = 2.0 * largest[last] * np.exp(rate * (ends - time[last]))
+    axes.plot(ends, slope, color=figures.RED, linestyle="--", zorder=3.0)
 
 
 def shade_states(axes: figures.Axes, time: Any, state: Any) -> None:
