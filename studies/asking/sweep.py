@@ -64,6 +64,10 @@ def sweep_of(
         outputs, coords = {**kept, **outputs}, {**coords, "elapsed": coords.get("elapsed", elapsed)}
         points = replace(points, fixed={**points.fixed, **settings})
     _check(study, points)
+    return _declared(study, points, outputs, coords)
+
+
+def _declared(study: Study, points: Points, outputs: Mapping[str, Variable], coords: Mapping[str, Axis]) -> Sweep:
     fixed, axes, product = points.fixed, points.grid.axes, tuple(points.grid.axes) == points.grid.dims
     about = {
         name: (fixed[name], parameter.units, parameter.text)

@@ -19,6 +19,8 @@ FORMS = "0.2 | 1e-3,2e-3,5e-3 | 0:0.5:101 (start:stop:count) | log:1e-4:1e-2:30,
 NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
 QUANTITY = re.compile(rf"{NUMBER}([A-Za-zµμΩ°%].*?)?\s*", re.ASCII)  # a number and its unit
 MOST_VALUES = 10_000_000
+# From this ratio of its ends on an axis is logarithmic.
+WIDE = 20.0
 # How far a number may be from the axis's value nearest to it: this share of that value's distance from its own
 # nearest neighbour; on an axis with one value, this share of the value.
 OF_SPACING, OF_VALUE = 1e-3, 1e-6
@@ -174,3 +176,24 @@ def nearest(values: ArrayLike, number: float) -> tuple[Any, bool]:
     gaps = np.diff(ordered[max(place - 1, 0) : place + 2].astype(float))
     allowed = OF_SPACING * gaps.min() if len(gaps) else OF_VALUE * abs(float(ordered[place]))
     return ordered[place], bool(away[place] <= allowed)
+
+
+def is_logarithmic(values: Any) -> bool:
+    """Whether ascending values read better on a logarithmic axis: they span much, and their steps grow."""
+    wide = values[0] > 0.0 and values[-1] >= WIDE * values[0]
+    return bool(wide and (len(values) == 2 or values[-1] - values[-2] >= 2.0 * (values[1] - values[0])))
+
+
+def edges(values: NDArray[Any]) -> NDArray[Any]:
+    """Ends of the cell of each ascending value, half-way to its neighbours; in logarithms on such an axis."""
+    if len(values) == 1:
+        reach = 0.5 * abs(float(values[0])) or 0.5
+        return np.array([values[0] - reach, values[0] + reach])
+    if is_logarithmic(values):
+        return np.asarray(np.exp(_half_way(np.log(values))))
+    return _half_way(values)
+
+
+def _half_way(values: NDArray[Any]) -> NDArray[Any]:
+    middle = 0.5 * (values[1:] + values[:-1])
+    return np.concatenate([[2.0 * values[0] - middle[0]], middle, [2.0 * values[-1] - middle[-1]]])

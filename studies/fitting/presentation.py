@@ -11,10 +11,9 @@ import pandas as pd
 import xarray as xr
 
 from studies.answering.results import configuration
-from studies.declaring import labels
+from studies.declaring import labels, spec
 from studies.fitting.sampling import effective_size
 from studies.motion import uncertainty
-from studies.physics import cells
 from studies.plotting import figures, planes
 from studies.study import Study
 
@@ -143,7 +142,7 @@ def draw(dataset: xr.Dataset) -> Figure:
 def _middles(draws: xr.DataArray, weights: Any, prior: str) -> xr.DataArray:
     """Middles of the bins in which an unknown is drawn: about its posterior."""
     ends = quantiles(draws.values, weights, (0.002, 0.998))
-    wide = prior.startswith(LOGARITHMIC) and ends[1] > cells.WIDE * ends[0]
+    wide = prior.startswith(LOGARITHMIC) and ends[1] > spec.WIDE * ends[0]
     low, high = np.log(ends) if wide else ends
     reach = 0.2 * (high - low) or 1e-3 * abs(low) + 1e-12  # one draw may have all the weight
     values = np.linspace(low - reach, high + reach, BINS)

@@ -14,8 +14,8 @@ from fivcore import Scene
 from studies.declaring import labels
 from studies.declaring.parameters import RIG, RUN, SCENE
 from studies.declaring.spec import evenly
-from studies.motion import knock
-from studies.physics import branches, loops
+from studies.motion import following, knock
+from studies.physics import branches
 from studies.plotting import figures, general, planes
 from studies.study import Parameter, Study
 from sweeps import InputError
@@ -30,7 +30,7 @@ def bifurcations(
     chains: Sequence[tuple[Scene, ...]], follow: str, hold: float, most: int, edges: int, **how: Any
 ) -> dict[str, Any]:
     """Hysteresis, knock thresholds and branches of limit cycles of each chain of scenes."""
-    found = loops.follow(chains, 1.0, hold, **how)
+    found = following.follow(chains, 1.0, hold, **how)
     points = zip(chains, found["regime"], strict=True)
     rows = [branches.of_chain(*point, follow, hold, most, edges, how) for point in points]
     own = {n: v for n, v in found.items() if n in branches.OUTPUTS or n == "error"}
@@ -41,7 +41,7 @@ def check(V: Any, hold: Any, **others: Any) -> None:
     """Refuse what cannot be run."""
     if np.min(V) <= 0.0:
         raise InputError(f"V = {np.min(V):g}: it must be above 0; (-theta, -V) is the mirror image of (theta, V)")
-    loops.check(hold, V, member=1.0, **others)
+    following.check(hold, V, member=1.0, **others)
 
 
 def each_point(dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
@@ -54,7 +54,7 @@ def each_point(dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """Where there are stable and unstable cycles, where they begin and end, and what runs say beside them."""
-    name, rows = loops.followed(dataset), []
+    name, rows = following.followed(dataset), []
     unit, factor = labels.unit_of(dataset[name])
     for text, point in each_point(dataset):
         value, hertz, multiplier = (point[f"cycle_{key}"].values for key in ("value", "frequency", "multiplier"))
@@ -70,7 +70,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         onsets = [f"{factor * at:.5g}" for at in point["onset_value"].dropna("onset").values]
         found = {"fold": [at for at, what in places if what == "fold"], "onset of flutter": onsets}
         parts += [f"{what} at {', '.join(at)}" for what, at in found.items() if at]
-        if both := loops.interval(point):
+        if both := following.interval(point):
             parts.append(f"runs up and down differ from {factor * both[0][0]:.4g} to {factor * both[1][0]:.4g}")
         knocks = labels.readable(point["knock_threshold"].dropna(name)).values
         if len(knocks):
@@ -97,14 +97,14 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         axes.set_ylabel(text)
     figures.legend_below(figure, panels, 3 if len(chosen) > 1 else 2)
     where = figures.place(dataset, *SCENE) + planes.of_all(chosen, len(points))
-    title = f"Limit cycles over {labels.title(loops.followed(dataset))}, {where}"
+    title = f"Limit cycles over {labels.title(following.followed(dataset))}, {where}"
     figure.suptitle(figures.fitted(title, width))
     return figure
 
 
 def _draw_point(column: Any, point: xr.Dataset) -> None:
     """Branches, solid where stable; places on them; runs, onsets and thresholds."""
-    name = loops.followed(point)
+    name = following.followed(point)
     factor, x = labels.unit_of(point[name])[1], labels.readable(point[name]).values
     cycles = {each: point[f"cycle_{each}"].values for each in branches.KEPT}
     value, stable, rms = factor * cycles["value"], cycles["multiplier"] < 1.0, 1e3 * cycles["rms"]
@@ -133,7 +133,7 @@ def _draw_point(column: Any, point: xr.Dataset) -> None:
     for axes in column:
         for onset in point["onset_value"].dropna("onset").values:
             axes.axvline(factor * onset, color=figures.BLACK, linestyle=":", label="onset of flutter")
-        figures.spans(axes, [[factor * end[0] for end in loops.interval(point)]], "runs up and down differ")
+        figures.spans(axes, [[factor * end[0] for end in following.interval(point)]], "runs up and down differ")
     planes.set_side(column[-1], "x", point[name])
 
 
@@ -146,7 +146,7 @@ STUDY = Study(
     parameters={
         "d2": replace(RIG["d2"], default=np.array([1e-8, 1e-6])),
         "mu": Parameter(evenly(0.08, 0.125, 46), "1", SCENE["mu"].text, inner=True),
-        "follow": Parameter("mu", "1", "parameter that is followed", loops.FOLLOWED, common=True),
+        "follow": Parameter("mu", "1", "parameter that is followed", following.FOLLOWED, common=True),
         "hold": Parameter(0.25, "s", "time of statistics at each value of the runs", common=True),
         "most": Parameter(60, "1", "most cycles of a branch to each side", common=True),
         "edges": Parameter(
@@ -154,6 +154,6 @@ STUDY = Study(
         ),
     }
     | RUN,
-    outputs=branches.OUTPUTS, function=bifurcations, coords=branches.coords, derive=loops.derive,
+    outputs=branches.OUTPUTS, function=bifurcations, coords=branches.coords, derive=following.derive,
     summary=summarise, figure=draw, check=check, chaotic=True,
 )  # fmt: skip

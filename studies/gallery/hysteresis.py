@@ -11,19 +11,18 @@ import xarray as xr
 
 from studies.declaring import labels
 from studies.declaring.parameters import RUN, SCENE
-from studies.declaring.spec import evenly
-from studies.motion import regimes
-from studies.physics import cells, loops
+from studies.declaring.spec import edges, evenly
+from studies.motion import following, regimes
 from studies.plotting import figures, general, planes
 from studies.study import Parameter, Study
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """Where the motion depends on the direction, and the motion at each value."""
-    name, (unit, factor) = loops.followed(dataset), labels.unit_of(dataset[loops.followed(dataset)])
+    name, (unit, factor) = following.followed(dataset), labels.unit_of(dataset[following.followed(dataset)])
     ends = [
         f"{'beyond ' if is_open else ''}{factor * value:.4g} ± {factor * error:.2g}"
-        for value, error, is_open in loops.interval(dataset)
+        for value, error, is_open in following.interval(dataset)
     ]
     where = f"{labels.title(name)} from {' to '.join(ends)}{f' {unit}' if unit else ''}"
     count, size = int(np.isfinite(dataset["bistable_low"]).sum()), dataset["bistable_low"].size
@@ -33,7 +32,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         yield "Up and down the motion is the same, steady or vibrating, at each value: there is no hysteresis."
     at = dataset.isel({dim: 0 for dim in dataset["status"].dims})
     table = pd.DataFrame({name: labels.readable(dataset[name]).values})
-    for way in loops.DIRECTIONS:
+    for way in following.DIRECTIONS:
         codes, rms = (at[key].sel(direction=way).values for key in ("regime", "velocity_rms"))
         table[way] = [regimes.KINDS[int(code)] if np.isfinite(code) else "-" for code in codes]
         table[f"{way}, rms mm/s"] = (1e3 * rms).round(4)
@@ -45,11 +44,11 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     """Extrema of the velocity of B both ways, and growth rates."""
     if not bool(np.isfinite(dataset["regime"]).any()):
         return general.draw(dataset)
-    name, ends = loops.followed(dataset), loops.interval(dataset)
+    name, ends = following.followed(dataset), following.interval(dataset)
     figure, panels = figures.panels(3, 1, 16.0, 19.0, sharex=True, height_ratios=(2.0, 1.2, 1.0))
     top, middle, below = panels
     x, factor = labels.readable(dataset[name]).values, labels.unit_of(dataset[name])[1]
-    shift = 0.12 * np.diff(cells.edges(x))
+    shift = 0.12 * np.diff(edges(x))
     for (way, (colour, marker)), side in zip(figures.WAYS.items(), (-1.0, 1.0), strict=True):
         at = dataset.sel(direction=way).transpose(name, ...)
         extrema, rms = (1e3 * at[key].values.reshape(len(x), -1) for key in ("extremum", "velocity_rms"))
@@ -83,13 +82,13 @@ STUDY = Study(
     parameters={
         "mu": Parameter(evenly(0.08, 0.13, 26), "1", SCENE["mu"].text, inner=True),
         "member": Parameter(np.arange(1, 4), "1", "realisation, by the ramp of the drive"),
-        "follow": Parameter("mu", "1", "parameter that is followed", loops.FOLLOWED, common=True),
+        "follow": Parameter("mu", "1", "parameter that is followed", following.FOLLOWED, common=True),
         "hold": Parameter(0.5, "s", "time of statistics at each value", common=True),
         "knock": Parameter(
             0.0, "N s", "start by this impulse on sliding P1, positive onto P2; 0: start of the drive", common=True
         ),
     }
     | RUN,
-    outputs=loops.OUTPUTS, function=loops.follow, coords=loops.COORDS, derive=loops.derive, summary=summarise,
-    figure=draw, check=loops.check, chaotic=True,
+    outputs=following.OUTPUTS, function=following.follow, coords=following.COORDS, derive=following.derive,
+    summary=summarise, figure=draw, check=following.check, chaotic=True,
 )  # fmt: skip

@@ -17,7 +17,6 @@ from studies.declaring import labels, spec
 from studies.declaring.parameters import Parameter
 from studies.motion import ensemble, regimes, stability
 from studies.motion.jobs import Job, outcomes
-from studies.physics import cells
 from studies.plotting import angles, figures, planes
 from studies.study import Claim, Study
 from sweeps import Axis, Variable
@@ -128,7 +127,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     growth.margins(y=0.15)
     growth.set_ylabel("growth rate / (1/s)")
     parts = {state: dataset[f"{state}_fraction"].values for state in planes.STATE_COLOURS}
-    planes.stack(fractions, cells.edges(theta), parts, [*planes.STATE_COLOURS.values()])
+    planes.stack(fractions, spec.edges(theta), parts, [*planes.STATE_COLOURS.values()])
     planes.draw_mixed(fractions, dataset, "theta", "stick_fraction")
     fractions.set(ylim=(0.0, 1.0), ylabel="fraction\nof time")
     angles.regime_strips(strips, dataset, papers)

@@ -1,1 +1,1 @@
-"""Scenes simulated for studies: jobs, ensembles, recorded series."""
+"""Physics that studies share: runs of scenes and what they say, stability of steady sliding, uncertain rigs."""

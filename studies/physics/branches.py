@@ -11,8 +11,7 @@ import numpy as np
 
 from fivcore import CycleBranch, LimitCycle, Rig, Scene, checks, follow_cycle, sliding_onsets
 from studies.declaring.parameters import rig_numbers
-from studies.motion import knock, regimes, run, starts
-from studies.physics import loops
+from studies.motion import following, knock, regimes, run, starts
 from studies.physics.cycles import on_edge
 from sweeps import Axis, Variable
 
@@ -34,7 +33,7 @@ PLACE = {
     "place_text": Variable("1", "what happens there", ("place",), "str"),
     "place_number": Variable("1", "index of the cycle there", ("place",)),
 }
-OUTPUTS = {n: v for n, v in loops.OUTPUTS.items() if n not in ("extremum", "mapping_error")} | {
+OUTPUTS = {n: v for n, v in following.OUTPUTS.items() if n not in ("extremum", "mapping_error")} | {
     **{n: replace(v, dims=("followed",), scale="") for n, v in knock.OUTPUTS.items()},
     **CYCLE, **PLACE,
     "onset_value": Variable("1", "onset of flutter of steady sliding", ("onset",)),
@@ -134,4 +133,4 @@ def coords(most: int, edges: int) -> dict[str, Axis]:
     checks.count("edges", edges, 20)
     sizes = {"number": (edges + 1) * 2 * most, "place": PLACES, "onset": ONSETS}
     axes = {name: Axis(np.arange(1, size + 1), "1", f"number of a {name}") for name, size in sizes.items()}
-    return {"direction": loops.COORDS["direction"]} | axes
+    return {"direction": following.COORDS["direction"]} | axes

@@ -8,9 +8,8 @@ import numpy as np
 import xarray as xr
 
 from studies import paper
-from studies.declaring import labels
+from studies.declaring import labels, spec
 from studies.motion import regimes
-from studies.physics import cells
 from studies.physics.onsets import BRANCHES
 from studies.plotting import figures, planes
 
@@ -42,7 +41,7 @@ def paper_frequencies(axes: figures.Axes, theta: Any) -> None:
 def regime_strips(axes: figures.Axes, dataset: xr.Dataset, papers: bool) -> None:
     """Shares of the regimes among realisations, above them the unstable intervals, below the paper's text."""
     theta = dataset["theta"].values
-    ends, kinds = cells.edges(theta), regimes.kinds(dataset)[:, None]
+    ends, kinds = spec.edges(theta), regimes.kinds(dataset)[:, None]
     codes = np.where(kinds < planes.FAILED, dataset["member_regime"].values, kinds).astype(int)
     shares = {regimes.KINDS[code]: 0.8 * (codes == code).mean(axis=1) for code in np.unique(codes)}
     planes.stack(axes, ends, shares, [planes.COLOURS[code] for code in np.unique(codes)])

@@ -54,7 +54,7 @@ def draw(dataset: xr.Dataset, study: Study | None = None) -> figures.Figure:
     if is_map and study is not None:
         title = f"{study.title}\n{', '.join(fixed_parts(study, dataset, figure=True))}".strip()
     thresholds = {} if study is None else study.thresholds
-    if not names or not bool((dataset["status"] == DONE).any()):
+    if not names or not (is_map or bool((dataset["status"] == DONE).any())):
         return _draw_nothing(dataset, title)
     if dims[0] in PATHS:
         return _draw_scatter(done, names, title)

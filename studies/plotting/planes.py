@@ -13,9 +13,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from studies.declaring import labels
+from studies.declaring.spec import edges, is_logarithmic
 from studies.motion.mixed import several
 from studies.motion.regimes import KINDS
-from studies.physics.cells import edges, is_logarithmic
 from studies.plotting import figures
 
 if TYPE_CHECKING:

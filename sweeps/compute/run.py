@@ -26,12 +26,12 @@ from sweeps.errors import ClusterLostError, DamagedError, InputError, StoreError
 from sweeps.fingerprint.identity import steady
 from sweeps.fingerprint.provenance import Environment
 from sweeps.grid import FAILED
-from sweeps.plan.adoption import Adoption, confirm
+from sweeps.plan.adoption import Adoption, changed, confirm
 from sweeps.plan.batches import BatchSizes, Queue
-from sweeps.plan.planning import ENGINE, ROW_BYTES, PlanData, duration, mixture, select
+from sweeps.plan.planning import ENGINE, ROW_BYTES, PlanData, duration, mixture, select, variables_of
 from sweeps.status import Progress, Snapshot
 from sweeps.storage.assemble import Source, Table, assemble, restore_types
-from sweeps.storage.existing import existing, opened
+from sweeps.storage.existing import existing, extended, opened
 from sweeps.storage.netcdf import described, write
 from sweeps.storage.parts import BOOKKEEPING, PartSource, PartWriter
 from sweeps.storage.store import Store, owner, write_state
@@ -140,6 +140,8 @@ def _finish(plan: PlanData, store: Store, compute: Callable[..., Table]) -> tupl
             try:
                 if table.damaged:
                     raise DamagedError(table.damaged[0], str(store.parts))
+                if plan.extends:
+                    _extend(plan, store, table)
                 write(store, table, plan.sweep.derive)
             except DamagedError as problem:
                 # The next plan computes its points again.
@@ -151,6 +153,20 @@ def _finish(plan: PlanData, store: Store, compute: Callable[..., Table]) -> tupl
         with suppress(StoreError), store.locked():
             pass
     return _requested(plan, store), replace(plan, version=store.version(), whole=True)
+
+
+def _extend(plan: PlanData, store: Store, table: Table) -> None:
+    """Refuse to add variables to the file of a function that gives other values of those which the file has."""
+    older = extended(store, plan.sweep.name, json.loads(plan.manifest.attributes["fingerprint"]))
+    if older is None:
+        raise StoreError(f"{store.file} has changed since this was planned; plan again")
+    line = changed(variables_of(older), Table(plan.manifest, older.sources), table)
+    for each in older.sources:
+        each.data.close()  # type: ignore[union-attr]
+    if line:
+        store.clear_all()
+        text = f"{plan.extends} cannot be added, and nothing has changed: {line}"
+        raise StoreError(f"{store.file}: {text}; {errors.HINT_EITHER}")
 
 
 def _requested(plan: PlanData, store: Store) -> xr.Dataset:

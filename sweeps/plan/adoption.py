@@ -1,6 +1,7 @@
 """Adoption: results of other code become those of the present code if computations that are repeated agree."""
 
 import secrets
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -97,6 +98,25 @@ def _compared(adoption: Adoption, before: Table, after: Table, point: int) -> li
             values = f"{a[at].item()!r} there, {b[at].item()!r} with the present code"
             raise StoreError(f"{refused} {entry} = {values}{far}")
     return differ
+
+
+def changed(names: Iterable[str], before: Table, after: Table) -> str:
+    """The first value of some variables that is not in the same bits what it was before; "" if there is none."""
+    grid = before.manifest.grid
+    for index in grid.blocks():
+        rows = slice(int(index[0]), int(index[-1]) + 1)
+        done = before.status[rows] == DONE
+        for name in names:
+            a, b = (np.asarray(table.values(name, rows)) for table in (before, after))
+            same = _equal_entries(a, b).reshape(len(done), -1)
+            wrong = done & ~(same.all(axis=1) & (after.status[rows] == DONE))
+            if wrong.any():
+                row = int(np.argmax(wrong))
+                entry = int(np.argmin(same[row]))
+                values = [each.reshape(len(done), -1)[row, entry].item() for each in (a, b)]
+                place = ", ".join(f"{k} = {v[0]}" for k, v in grid.points(index[row : row + 1]).items())
+                return f"at {place} {name} = {values[0]!r} there, {values[1]!r} with the present code"
+    return ""
 
 
 def _equal_entries(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:

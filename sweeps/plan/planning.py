@@ -21,12 +21,23 @@ from sweeps.fingerprint import identity
 from sweeps.fingerprint.identity import configuration, coverage, differences, fingerprint
 from sweeps.fingerprint.modules import home_of
 from sweeps.fingerprint.provenance import Environment, environment, mixed, source
-from sweeps.grid import BLOCK, FAILED, PENDING, Alignment, Declaration, Grid, Refinement, check_size, first_equal
+from sweeps.grid import (
+    BLOCK,
+    DONE,
+    FAILED,
+    PENDING,
+    Alignment,
+    Declaration,
+    Grid,
+    Refinement,
+    check_size,
+    first_equal,
+)
 from sweeps.plan import adoption
 from sweeps.refine.lattice import choose
 from sweeps.sample import check_same_draws
 from sweeps.storage.assemble import LARGE, Source, Table, rounded, scaled
-from sweeps.storage.existing import Existing, check_replaceable, existing
+from sweeps.storage.existing import Existing, check_replaceable, existing, extended, unfinished
 from sweeps.storage.parts import Manifest
 from sweeps.storage.store import Store, signature
 from sweeps.task import Task
@@ -80,6 +91,11 @@ class PlanData:
     shared: tuple[int, int] | None = None
 
     @property
+    def extends(self) -> str:
+        """The variables that the file of earlier results gets."""
+        return str(self.manifest.attributes.get("extends", ""))
+
+    @property
     def most_seconds(self) -> float:
         """Estimated time on one core; of a refined sweep if every point were requested in the end."""
         if self.sweep.refinement is None or not self.todo:
@@ -92,7 +108,7 @@ class PlanData:
         chosen = f"to {count} points ({100.0 * count / self.points:.3g} %)"
         chosen += " so far; their results may request more" * (self.todo > 0)
         others = mixed([*self.environments, environment(self.task.libraries)])
-        covers = [name for name in self.covers if not name.startswith("sweeps.")]
+        covers, extends = [name for name in self.covers if not name.startswith("sweeps.")], self.extends
         packages = sorted({name.partition(".")[0] for name in covers})
         rows = {
             "sweep": self.sweep.name,
@@ -108,6 +124,7 @@ class PlanData:
             "estimated time": f"{time} on one core" if self.seconds > 0 else time,
             "at most": f"{duration(most)} for all points" if (most := self.most_seconds) > self.seconds else "",
             "adoption": str(self.adoption or self.adopted),
+            "added": extends and f"{extends}; stored points are computed again, and must come out the same",
             "file": str(self.store or ""),
             "depends on": ", ".join(covers if len(covers) <= MOST_NAMES else packages),
             "environment": others and f"{others}; stored points stay",
@@ -171,6 +188,7 @@ def _make_plan(
         function = inner
     attributes = {"source": source(home_of(function).partition(".")[0])}
     present, own, imported = Existing(sweep.grid, [], {}), dict[str, Any](code={}), tuple[str, ...]()
+    older: Existing | None = None
     # Without a store nothing is compared, so the function may carry anything.
     if place is not None:
         reached = coverage(sweep, ENGINE)
@@ -179,7 +197,9 @@ def _make_plan(
         if fresh:
             check_replaceable(place, sweep.name)
         else:
-            present = existing(place, sweep.name, own, code=adopt is None) or present
+            older = _older(sweep, place, own) if adopt is None else None
+            nothing = present if older is None else older._replace(sources=[], attributes={})
+            present = existing(place, sweep.name, own, code=adopt is None, file=older is None) or nothing
             check_same_draws(place.file, present.grid, sweep.grid)
 
     if (line := identity.recompiled(present.attributes, own)) and adopt is None:
@@ -193,6 +213,15 @@ def _make_plan(
     mask, requested = grid.mask(), np.zeros(grid.size, dtype=bool)
     requested[alignment()] = True
     requested &= mask
+    skipped = sweep.grid.size - int(np.count_nonzero(requested))
+    if older is not None:
+        # What is stored is computed again, with the variables that it lacks.
+        names = [name for name in own["variables"] if name not in variables_of(older)]
+        attributes["extends"], fresh = ", ".join(names), True
+        rows = np.arange(older.grid.size)
+        there = np.isin(older.sources[0].read("status", rows), (DONE, FAILED))
+        requested[grid.align(older.grid)(rows[there])] = True
+        requested &= mask
     axes = replace(grid, skip=None), sweep.coords, sweep.stored
     points = representatives(sweep, grid, requested, mask & ~requested), factors(sweep, grid, mask)
     manifest = Manifest(sweep.name, sweep.title or sweep.name, *axes, *points, attributes, fresh)
@@ -216,7 +245,7 @@ def _make_plan(
         "sweep": sweep,
         "store": file,
         "points": sweep.grid.size,
-        "skipped": sweep.grid.size - int(np.count_nonzero(requested)),
+        "skipped": skipped,
         "bytes": int(grid.size * (ROW_BYTES + sum(manifest.row_bytes(name) * shrunk[name] for name in shrunk))),
         "manifest": manifest,
         "task": Task(*what, manifest.grid, sweep.rerun, imported),
@@ -229,6 +258,19 @@ def _make_plan(
         "strict": strict,
         "adoption": adopted,
     }
+
+
+def _older(sweep: Declaration, place: Store, own: Fields) -> Existing | None:
+    """The file that gets variables which it lacks, unless a run of something else goes on there."""
+    run = unfinished(place)
+    if sweep.refinement is not None or (run is not None and "extends" not in run.attributes):
+        return None
+    return extended(place, sweep.name, own)
+
+
+def variables_of(older: Existing) -> list[str]:
+    """The variables that a file has."""
+    return [*json.loads(older.attributes["fingerprint"])["variables"]]
 
 
 def representatives(sweep: Declaration, grid: Grid, requested: Flags, others: Flags) -> NDArray[Any] | None:

@@ -3,6 +3,7 @@
 import json
 import operator
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
@@ -33,13 +34,15 @@ class Existing(NamedTuple):
     manifest: Manifest | None = None
 
 
-def existing(store: Store, name: str, fingerprint: dict[str, Any], *, code: bool = True) -> Existing | None:
+def existing(
+    store: Store, name: str, fingerprint: dict[str, Any], *, code: bool = True, file: bool = True
+) -> Existing | None:
     """The results that a sweep resumes; None if there are none. A `StoreError` says what differs.
 
-    Without `code`, results of other code are taken as well.
+    Without `code`, results of other code are taken as well; without `file` those of an unfinished run alone.
     """
     if not (manifests := _manifests(store)):
-        return _finished(store, name, fingerprint, code=code) if store.file.exists() else None
+        return _finished(store, name, fingerprint, code=code) if file and store.file.exists() else None
     for place, each in manifests:
         _check_name(place.parts, each.name, name)
         replaces = each.fresh and store.file.exists()
@@ -48,6 +51,18 @@ def existing(store: Store, name: str, fingerprint: dict[str, Any], *, code: bool
     manifest = _combined(manifests)
     grid = reduce(Grid.union, [each.grid for _, each in manifests])
     return Existing(grid, sources_of(store, manifest, strict=True), manifest.attributes, manifest)
+
+
+def extended(store: Store, name: str, fingerprint: Mapping[str, Any]) -> Existing | None:
+    """The finished file of the sweep from before it had some variables; None if more than code differs besides."""
+    with suppress(*UNREADABLE), open_netcdf(store.file, cache=False) as data:
+        stored = json.loads(data.attrs["fingerprint"])
+        now = {part: dict(fingerprint[part]) for part in ("variables", "coords")}
+        added = now["variables"].keys() - stored["variables"].keys()
+        kept = {part: {k: v for k, v in each.items() if k in stored[part]} for part, each in now.items()}
+        if added and not differences(stored, {**fingerprint, **kept}, code=False):
+            return _finished(store, name, stored)
+    return None
 
 
 def unfinished(store: Store) -> Manifest | None:

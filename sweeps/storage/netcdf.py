@@ -24,7 +24,8 @@ def described(manifest: Manifest, data: xr.Dataset, derive: Derive | None, befor
     """Add global attributes and derived variables; the history continues `before`."""
     own, environments = {"source": "", **manifest.attributes}, json.loads(data.attrs["environments"])
     made = "; ".join(", ".join(map(" ".join, each.items())) for each in environments if each)
-    by = "; ".join(filter(None, [own["source"], made, own.pop("remark", "")]))
+    added = f"{own.pop('extends')} added" if "extends" in own else ""
+    by = "; ".join(filter(None, [own["source"], made, own.pop("remark", ""), added]))
     now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {manifest.name} computed by {by}"
     first = {"Conventions": "CF-1.11", "title": manifest.title, "history": f"{before}\n{now}".lstrip("\n")}
     data = data.assign_attrs(first | {"source": own["source"], "sweep": manifest.name} | own)
@@ -37,7 +38,7 @@ def write(store: Store, table: Table, derive: Derive | None) -> None:
     files = [source for source in table.sources if isinstance(source, FileSource)]
     data = assemble(table, lazy=True)
     before = ""
-    if not manifest.fresh:
+    if not manifest.fresh or "extends" in manifest.attributes:
         with suppress(*UNREADABLE), open_netcdf(store.file, decode_cf=False) as file:
             before = str(file.attrs["history"])
     try:

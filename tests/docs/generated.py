@@ -17,7 +17,7 @@ from studies.answering import claims
 from studies.cli.options import catalogue
 from studies.cli.output import about
 from studies.gallery import stribeck
-from studies.physics import loops
+from studies.motion import following
 from tests import HOME, make_reference
 from tests.benchmarks import tables
 from tests.docs import readmes
@@ -73,9 +73,9 @@ def falling(data: xr.Dataset) -> str:
 
 def both_stable(data: xr.Dataset) -> str:
     """The interval in which sliding and vibration are both stable."""
-    ends = " to ".join(f"{value:.3f} ± {error:.3f}" for value, error, _ in loops.interval(data))
-    count, size = int(data["bistable_low"].notnull().sum()), data["bistable_low"].size
-    found = f"all {size}" if count == size else f"{count} of {size}"
+    ends = " to ".join(f"{value:.3f} ± {error:.3f}" for value, error, _ in following.interval(data))
+    count, loops = int(data["bistable_low"].notnull().sum()), data["bistable_low"].size
+    found = f"all {loops}" if count == loops else f"{count} of {loops}"
     return f"sliding and vibration are both stable from mu = {ends}, in {found} loops"
 
 

@@ -11,9 +11,8 @@ from studies.asking.sweep import sweep_of
 from studies.declaring.parameters import RUN
 from studies.gallery import maps
 from studies.gallery.classics import block_of
-from studies.motion import knock, starts
+from studies.motion import following, knock, starts
 from studies.motion.jobs import each_scene
-from studies.physics import loops
 
 OPTIONS = {"duration": None, "step": None, "cutoff": None, "numerical_damping": "none"}
 SCENE = Scene(5e-3, 5.0, 0.1, 9.0)
@@ -155,7 +154,7 @@ def knocked(scene):
 
 
 def followed(scene):
-    found = loops.follow(
+    found = following.follow(
         [(scene, replace(scene, mu=0.32))], 1.0, 0.2, **{name: each.default for name, each in RUN.items()}
     )
     return np.nan_to_num(np.abs(found["velocity_rms"]), nan=-1.0).tolist()

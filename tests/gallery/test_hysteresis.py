@@ -11,8 +11,7 @@ from studies.answering import summary
 from studies.asking.sweep import sweep_of
 from studies.declaring.parameters import RUN
 from studies.gallery.classics import block_of
-from studies.motion import regimes
-from studies.physics import loops
+from studies.motion import following, regimes
 from sweeps import InputError
 
 OPTIONS = {name: parameter.default for name, parameter in RUN.items()}
@@ -24,7 +23,7 @@ def test_both_ends_of_the_hysteresis_of_a_belt_are_found_to_a_step():
     speeds = np.arange(1.1, 1.9, step)
     chain = tuple(Scene(V, 0.0, 1.0, 1.0, block_of(1.0, 0.05), Friction(0.5, 0.5)) for V in speeds.tolist())
     (onset,) = sliding_onsets(chain[0], "V", 0.5, 2.0, 1.0).value
-    found = loops.follow([chain], 1.0, 500.0, **OPTIONS)
+    found = following.follow([chain], 1.0, 500.0, **OPTIONS)
     up, down = regimes.is_of(found["regime"][0], *regimes.VIBRATING).T
     assert found["error"] == [None]
     assert speeds[up].max() + 0.5 * step == pytest.approx(end, abs=step)
@@ -54,21 +53,21 @@ def test_the_papers_rig_goes_on_vibrating_where_sliding_is_stable(computed):
 
 def test_a_state_in_another_scene_keeps_its_deviation_from_rest():
     scene = Scene(2e-3, 5.0, 0.05, 9.0)
-    state = loops.run_one(loops.runs.job(scene, 0.5, OPTIONS)).final_state
-    same, jump = loops.mapped(state, scene, scene)
+    state = following.run_one(following.runs.job(scene, 0.5, OPTIONS)).final_state
+    same, jump = following.mapped(state, scene, scene)
     np.testing.assert_allclose(same.displacement, state.displacement, rtol=1e-12, atol=1e-20)
     assert jump == 0.0
     assert same.running
     assert same.origin is None
     # Steady sliding stays it at another speed, and nearly at another load.
     for other in (replace(scene, V=3e-3), replace(scene, F=10.0), replace(scene, theta=5.1)):
-        mapped, jump = loops.mapped(state, scene, other)
-        run = loops.run_one(loops.runs.job(other, 0.3, OPTIONS, initial=mapped))
+        mapped, jump = following.mapped(state, scene, other)
+        run = following.run_one(following.runs.job(other, 0.3, OPTIONS, initial=mapped))
         assert run.summary["regime"] == "steady sliding"
         assert jump < 1e-6
         assert run.summary["mean_normal_force"] == pytest.approx(other.F, rel=1e-3)
     jerked = replace(state, velocity=np.ones(len(state.velocity)))
-    assert loops.mapped(jerked, scene, replace(scene, theta=6.0))[1] > 1.0
+    assert following.mapped(jerked, scene, replace(scene, theta=6.0))[1] > 1.0
 
 
 def test_a_rig_is_followed_too(computed):

@@ -20,7 +20,7 @@ def realisations(count, stick, rms, rng, regime=VIBRATES, spread=(0.005, 1e-4)):
     found = {"regime": np.full(count, regime)}
     for name, mean, sd in zip(mixed.QUANTITIES, (stick, rms), spread, strict=True):
         found[name] = mean + sd * rng.normal(size=count)
-        found[f"{name}_se"] = sd * np.sqrt(rng.chisquare(mixed.FEWEST, count) / mixed.FEWEST)
+        found[f"{name}_se"] = sd * np.sqrt(rng.chisquare(mixed.observe.FEWEST, count) / mixed.observe.FEWEST)
     if regime == REST:
         rest = np.zeros(count), rng.uniform(0.0, 1e-3, count), np.zeros(count), np.full(count, np.nan)
         found |= dict(zip((*mixed.QUANTITIES, *(f"{name}_se" for name in mixed.QUANTITIES)), rest, strict=True))

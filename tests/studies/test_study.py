@@ -9,10 +9,11 @@ import studies
 from fivcore import Beam, Rig, flutter_onsets, sliding_modes
 from studies import registry, runner
 from studies.answering import claims, results, summary
+from studies.asking.request import Request
 from studies.asking.sweep import sweep_of
 from studies.gallery import fig5
 from studies.study import Parameter, Study
-from sweeps import FAILED, InputError, StoreError, SweepStoppedError
+from sweeps import FAILED, Axis, InputError, StoreError, SweepStoppedError
 from tests import HOME
 
 EIGHT, REFERENCE = 1e-3 * np.arange(1.0, 9.0), HOME / "results" / "reference"
@@ -280,3 +281,23 @@ def test_messages_of_python_have_no_words_of_the_command_line():
 @pytest.mark.parametrize("scheduler", [object(), "threads"])
 def test_a_scheduler_is_handed_to_the_plan_as_it_is(scheduler):
     assert runner.backend(scheduler, 2) == (scheduler, 2)
+
+
+def test_an_output_that_is_added_leaves_the_others_as_they_are(tmp_path):
+    """Along a dimension of its own, too; where others change the file is refused."""
+    sides, more = Axis(np.array([1.0, 2.0])), {"y": ("m", "height"), "both": ("1", "both", "side")}
+
+    def computed(function, outputs=None, **options):
+        study = study_of(function, outputs, **options)
+        return runner.plan(study, Request(), tmp_path).run("sync")
+
+    before = computed(lambda x: {"y": x / 3.0})
+    with pytest.raises(
+        StoreError, match=r"own.nc: both cannot be added, and nothing has changed: at x = 1.0 y = "
+    ):
+        computed(
+            lambda x: {"y": x * (1.0 / 3.0 + 1e-9), "both": np.stack([x, -x], 1)}, more, coords={"side": sides}
+        )
+    data = computed(lambda x: {"y": x / 3.0, "both": np.stack([x, -x], 1)}, more, coords={"side": sides})
+    assert data["y"].values.tobytes() == before["y"].values.tobytes()
+    assert data["both"].values.tolist() == [[1.0, -1.0], [2.0, -2.0], [3.0, -3.0]]

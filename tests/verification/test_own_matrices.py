@@ -12,9 +12,8 @@ from fivcore.contact.reduced import default_cutoff, reduced_model
 from fivcore.transient.normalised import Normalised
 from studies.accuracy.rigs import drawn_scene
 from studies.declaring.parameters import RUN
-from studies.motion import knock, regimes, starts
+from studies.motion import following, knock, regimes, starts
 from studies.motion.jobs import each_scene
-from studies.physics import loops
 from tests.benchmarks.constants import apart, shares
 from tests.helpers.structures import beams
 
@@ -124,7 +123,7 @@ def test_hysteresis(number):
     found = []
     for each in (scene, own):
         chain = tuple(replace(each, mu=float(mu)) for mu in values)
-        found.append(vibrates(loops.follow([chain], 1.0, 0.2, **run)["regime"][0].astype(np.int8)).sum(axis=0))
+        found.append(vibrates(following.follow([chain], 1.0, 0.2, **run)["regime"][0].astype(np.int8)).sum(axis=0))
     assert np.all(np.abs(found[0] - found[1]) <= 1)
 
 

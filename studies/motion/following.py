@@ -12,11 +12,11 @@ from scipy.signal import find_peaks
 
 from fivcore import Scene, SceneError, State, Transient, checks, full_model, loading_time
 from studies.declaring.parameters import FRICTION, RIG, RUN, SCENE
+from studies.declaring.spec import edges
 from studies.motion import ensemble, regimes, starts
 from studies.motion import run as runs
 from studies.motion.jobs import Job, run_one, stacked
 from studies.motion.stability import linear_stability
-from studies.physics.cells import edges
 from sweeps import Axis, InputError, Variable
 
 DIRECTIONS = ("up", "down")
