@@ -211,3 +211,11 @@ def is_usual(dataset: xr.Dataset, dims: tuple[str, ...]) -> bool:
     # A structure has no numbers of the beams.
     dims = tuple(dim for dim in dims if dim not in RIG) if structure_in(dataset) else dims
     return found == dims if dims else len(found) <= 2 and found[0] not in PATHS
+
+
+def with_variables(dataset: xr.Dataset, added: Mapping[str, tuple[Any, Any, str, str]]) -> xr.Dataset:
+    """Add derived variables by their names: dimensions, values, units and long name; own dimensions are axes."""
+    named = {n: (dims, values, {"units": u, "long_name": text}) for n, (dims, values, u, text) in added.items()}
+    return dataset.assign_coords({n: v for n, v in named.items() if n == v[0]}).assign(
+        {n: v for n, v in named.items() if n != v[0]}
+    )

@@ -2,52 +2,28 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-import fivcore
-from fivcore import CycleBranch, LimitCycle, Rig, Scene, SceneError, State, checks, equilibrium, limit_cycle
+from fivcore import Scene
 from studies.declaring import labels
-from studies.declaring.parameters import RIG, RUN, SCENE, rig_numbers
+from studies.declaring.parameters import RIG, RUN, SCENE
 from studies.declaring.spec import evenly
-from studies.motion import following, knock, regimes, run, starts
-from studies.motion.jobs import Job, run_all
+from studies.motion import following, knock
+from studies.physics import branches
 from studies.plotting import figures, general, planes
 from studies.study import Parameter, Study
-from sweeps import Axis, InputError, Variable
+from sweeps import InputError
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-# Settings of the search for a threshold that keep their usual values.
-KNOCK = {name: knock.PARAMETERS[name].default for name in ("largest_knock", "resolution")}
-# What is kept of each cycle.
-KEPT = ("value", "frequency", "rms", "multiplier", "branch")
-# Places that are kept, and onsets; points of a figure side by side.
-PLACES, ONSETS, COLUMNS, TRIES = 96, 8, 3, 4
-CYCLE = {
-    "cycle_value": Variable("1", "value of the followed parameter, in its units", ("number",)),
-    "cycle_branch": Variable("1", "number of the branch", ("number",)),
-    "cycle_frequency": Variable("Hz", "frequency of the limit cycle", ("number",), digits=9),
-    "cycle_rms": Variable("m s-1", "RMS of the velocity of B on the limit cycle", ("number",), digits=9),
-    "cycle_multiplier": Variable("1", "largest Floquet multiplier, in magnitude", ("number",), digits=9),
-}
-PLACE = {
-    "place_value": Variable("1", "value of the followed parameter where a branch changes", ("place",)),
-    "place_text": Variable("1", "what happens there", ("place",), "str"),
-    "place_number": Variable("1", "index of the cycle there", ("place",)),
-}
-OUTPUTS = {n: v for n, v in following.OUTPUTS.items() if n not in ("extremum", "mapping_error")} | {
-    **{n: replace(v, dims=("followed",), scale="") for n, v in knock.OUTPUTS.items()},
-    **CYCLE, **PLACE,
-    "onset_value": Variable("1", "onset of flutter of steady sliding", ("onset",)),
-}  # fmt: skip
+COLUMNS = 3
+SIDES = ("RMS velocity\nof B / (mm/s)", "frequency / Hz", "largest multiplier", "knock / (mN s)")
+# Of places by their texts, and the text of a birth.
+BIRTH, ENDS, MARKERS = "birth from steady sliding", "branch not followed further", "oDs^<>phH8P"
 
 
 def bifurcations(
@@ -55,120 +31,10 @@ def bifurcations(
 ) -> dict[str, Any]:
     """Hysteresis, knock thresholds and branches of limit cycles of each chain of scenes."""
     found = following.follow(chains, 1.0, hold, **how)
-    rows = [of_chain(*each, follow, hold, most, edges, how) for each in zip(chains, found["regime"], strict=True)]
-    return {n: v for n, v in found.items() if n in OUTPUTS or n == "error"} | {
-        name: np.stack([row[name] for row in rows]) for name in rows[0]
-    }
-
-
-def of_chain(
-    chain: Sequence[Scene], regime: Any, name: str, hold: float, most: int, edges: int, how: dict[str, Any]
-) -> dict[str, Any]:
-    """Thresholds and branches, from the edge where two motions are stable, and from a periodic vibration."""
-    model = {key: how[key] for key in ("cutoff", "numerical_damping")}
-    ends, vibrates = [value_of(chain[k], name) for k in (0, -1)], regimes.is_of(regime, *regimes.VIBRATING)
-    both, periodic = vibrates[:, 1] != vibrates[:, 0], regimes.is_of(regime, "periodic")[:, 0]
-    thresholds = {key: np.full(len(chain), np.nan) for key in knock.OUTPUTS}
-    tried: list[tuple[int, Any]] = []
-    for k in spread(np.flatnonzero(both), edges):
-        scene, options = chain[k], model | {"duration": None, "step": None}
-        for key, value in knock.threshold(scene, KNOCK["largest_knock"], KNOCK["resolution"], options).items():
-            thresholds[key][k] = value
-        if np.isfinite(hit := thresholds["knock_threshold"][k]):
-            q, (_, v) = equilibrium(scene), starts.directions(scene, ["knock"])[0]
-            tried.append((k, (State.of(scene, q, 1.5 * hit * v), State.of(scene, q, 0.0 * v))))
-    usual = periodic if periodic.any() or tried else vibrates[:, 0]
-    tried += [(k, None) for k in spread(np.flatnonzero(usual), 1)]
-    branches, places = list[Any](), list[tuple[float, str, int]]()
-    for k, guess in tried:
-        at = value_of(chain[k], name)
-        # A branch that passes here already, of stable cycles in the case of a run, is this one.
-        if any(passes(branch, at, guess is None) for branch in branches):
-            continue
-        cycle = sought(chain[k], guess, hold, model)
-        if cycle is None:
-            continue
-        (back, before), (forth, after) = (side(cycle, name, at, end, most) for end in ends)
-        first = sum(map(len, branches)) + len(before) - 1
-        places += [(value, text, first - index) for value, text, index in places_of(back, ends)]
-        places += [(value, text, first + index) for value, text, index in places_of(forth, ends)]
-        branches.append(np.array([*before[::-1], *after[1:]]))
-    rows = [np.column_stack([branch, np.full(len(branch), j + 1.0)]) for j, branch in enumerate(branches)]
-    table = np.vstack([*rows, np.full(((edges + 1) * 2 * most - sum(map(len, rows)), 5), np.nan)])
-    padded = [*sorted(places), *[(np.nan, "", np.nan)] * PLACES][:PLACES]
-    onsets = np.full(ONSETS, np.nan)
-    if name in ("mu", "V", "F"):
-        crossed = fivcore.sliding_onsets(chain[0], name, max(ends[0], 1e-12), ends[1], run.BAND)
-        rising = crossed.value[crossed.change > 0][:ONSETS]
-        onsets[: len(rising)] = rising
-    kept = {f"cycle_{key}": column for key, column in zip(KEPT, table.T, strict=True)}
-    kept |= {
-        key: np.array(column, dtype=kind)
-        for key, kind, column in zip(PLACE, "fOf", zip(*padded, strict=True), strict=True)
-    }
-    return thresholds | kept | {"onset_value": onsets}
-
-
-def sought(
-    scene: Scene, ends: tuple[State, State] | None, hold: float, model: dict[str, Any]
-) -> LimitCycle | None:
-    """The cycle on the edge between a vibration and sliding, or that of a run; None where none is found.
-
-    The edge between sliding and some state of a vibration may be long or short: further states are tried in turn.
-    """
-    for _ in range(TRIES if ends else 1):
-        try:
-            if ends:
-                (motion,) = run_all([Job(scene, 2.0 * hold, {"initial": ends[0], **model})])
-                if isinstance(motion, SceneError) or motion.final_state is None:
-                    return None
-                ends = motion.final_state, ends[1]
-            return limit_cycle(scene, ends, duration=2.0 * hold, **model)
-        except (fivcore.UnsolvedError, SceneError):
-            continue
-    return None
-
-
-def places_of(branch: CycleBranch, ends: Sequence[float]) -> Iterator[tuple[float, str, int]]:
-    """Places on a branch with the index of the cycle there, and why it ends within the range."""
-    values, k = np.asarray(branch.values), 0
-    for value, text in branch.places:
-        across = np.flatnonzero((values[k + 1 :] - value) * (values[k:-1] - value) <= 0.0)
-        k += int(np.abs(values[k:] - value).argmin() if text == "fold" or not len(across) else across[0])
-        yield float(value), text, k
-    if min(ends) < values[-1] < max(ends) and not branch.end.startswith(("birth", branch.parameter)):
-        reason = re.sub(rf" (at|beyond) {branch.parameter} = [^\s,]+", "", branch.end)
-        yield float(values[-1]), f"end: {reason}", len(values) - 1
-
-
-def value_of(scene: Scene, name: str) -> float:
-    """The value of a parameter of a scene."""
-    numbers = rig_numbers(scene.rig) if isinstance(scene.rig, Rig) else {}
-    return float((vars(scene) | vars(scene.friction) | numbers)[name])
-
-
-def spread(places: Any, count: int) -> list[int]:
-    """At most `count` of the places, evenly within them."""
-    shares = np.linspace(0.0, len(places) - 1.0, count + 2)[1:-1] if len(places) else ()
-    return [*dict.fromkeys(int(places[round(share)]) for share in shares)]
-
-
-def side(cycle: LimitCycle, name: str, at: float, end: float, most: int) -> tuple[CycleBranch, list[Any]]:
-    """The branch to one side and what is kept of its cycles: parameter, frequency, RMS and largest multiplier."""
-    branch = CycleBranch(name, np.array([at]), [cycle], [], name)
-    if end != at:
-        branch = fivcore.follow_cycle(cycle, name, end, most=most)
-    kept = [
-        (float(value), one.frequency, one.summary["velocity_rms"], one.summary["largest_multiplier"])
-        for value, one in zip(branch.values, branch.cycles, strict=True)
-    ]
-    return branch, kept
-
-
-def passes(branch: Any, value: float, stable: bool) -> bool:
-    """Whether a branch passes a value of the parameter, or with `stable` does so with a stable cycle."""
-    across = (branch[1:, 0] - value) * (branch[:-1, 0] - value) <= 0.0
-    return bool(np.any(across & (branch[1:, 3] < 1.0) if stable else across))
+    points = zip(chains, found["regime"], strict=True)
+    rows = [branches.of_chain(*point, follow, hold, most, edges, how) for point in points]
+    own = {n: v for n, v in found.items() if n in branches.OUTPUTS or n == "error"}
+    return own | {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
 
 def check(V: Any, hold: Any, **others: Any) -> None:
@@ -176,16 +42,6 @@ def check(V: Any, hold: Any, **others: Any) -> None:
     if np.min(V) <= 0.0:
         raise InputError(f"V = {np.min(V):g}: it must be above 0; (-theta, -V) is the mirror image of (theta, V)")
     following.check(hold, V, member=1.0, **others)
-
-
-def coords(most: int, edges: int) -> dict[str, Axis]:
-    """The dimensions of branches, of places and of onsets."""
-    checks.count("most", most, 1000)
-    checks.count("edges", edges, 20)
-    sizes = {"number": (edges + 1) * 2 * most, "place": PLACES, "onset": ONSETS}
-    return {"direction": following.COORDS["direction"]} | {
-        name: Axis(np.arange(1, size + 1), "1", f"number of a {name}") for name, size in sizes.items()
-    }
 
 
 def each_point(dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
@@ -202,21 +58,18 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     unit, factor = labels.unit_of(dataset[name])
     for text, point in each_point(dataset):
         value, hertz, multiplier = (point[f"cycle_{key}"].values for key in ("value", "frequency", "multiplier"))
-        onsets, parts = point["onset_value"].dropna("onset").values, []
+        parts, texts = list[str](), point["place_text"].values.astype(str)
         for kind, chosen in (("stable", multiplier < 1.0), ("unstable", multiplier >= 1.0)):
             if chosen.any():
                 ends = " to ".join(f"{factor * end:.5g}" for end in (value[chosen].min(), value[chosen].max()))
                 parts.append(f"{kind} ones from {ends}, {hertz[chosen].min():.0f} to {hertz[chosen].max():.0f} Hz")
-        texts = point["place_text"].values.astype(str)
-        rows += [
-            (text, f"{factor * at:.5g}", what)
-            for at, what in zip(point["place_value"].values, texts, strict=True)
-            if what
+        places = [
+            (f"{factor * at:.5g}", what) for at, what in zip(point["place_value"].values, texts, strict=True)
         ]
-        found = {"fold": point["place_value"].values[texts == "fold"], "onset of flutter": onsets}
-        parts += [
-            f"{what} at {', '.join(f'{factor * x:.5g}' for x in at)}" for what, at in found.items() if len(at)
-        ]
+        rows += [(text, *place) for place in places if place[1]]
+        onsets = [f"{factor * at:.5g}" for at in point["onset_value"].dropna("onset").values]
+        found = {"fold": [at for at, what in places if what == "fold"], "onset of flutter": onsets}
+        parts += [f"{what} at {', '.join(at)}" for what, at in found.items() if at]
         if both := following.interval(point):
             parts.append(f"runs up and down differ from {factor * both[0][0]:.4g} to {factor * both[1][0]:.4g}")
         knocks = labels.readable(point["knock_threshold"].dropna(name)).values
@@ -228,7 +81,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield "Places where a branch changes", pd.DataFrame(rows, columns=["point", labels.title(name), "what"])
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """A column for each point: size, frequency and multiplier of cycles, and knocks, over the parameter."""
     if not bool(np.isfinite(dataset["regime"]).any()):
         return general.draw(dataset)
@@ -243,23 +96,17 @@ def draw(dataset: xr.Dataset) -> Figure:
     for axes, text in zip(grid[:, 0], SIDES, strict=True):
         axes.set_ylabel(text)
     figures.legend_below(figure, panels, 3 if len(chosen) > 1 else 2)
-    name = following.followed(dataset)
-    at = ", ".join(labels.named(n, dataset[n]) for n in SCENE if n in dataset.coords and not dataset[n].ndim)
-    title = f"Limit cycles over {labels.title(name)}, {at}{planes.of_all(chosen, len(points))}"
+    where = figures.place(dataset, *SCENE) + planes.of_all(chosen, len(points))
+    title = f"Limit cycles over {labels.title(following.followed(dataset))}, {where}"
     figure.suptitle(figures.fitted(title, width))
     return figure
-
-
-SIDES = ("RMS velocity\nof B / (mm/s)", "frequency / Hz", "largest multiplier", "knock / (mN s)")
-# Of places by their texts, and the text of a birth.
-BIRTH, ENDS, MARKERS = "birth from steady sliding", "branch not followed further", "oDs^<>phH8P"
 
 
 def _draw_point(column: Any, point: xr.Dataset) -> None:
     """Branches, solid where stable; places on them; runs, onsets and thresholds."""
     name = following.followed(point)
     factor, x = labels.unit_of(point[name])[1], labels.readable(point[name]).values
-    cycles = {each: point[f"cycle_{each}"].values for each in KEPT}
+    cycles = {each: point[f"cycle_{each}"].values for each in branches.KEPT}
     value, stable, rms = factor * cycles["value"], cycles["multiplier"] < 1.0, 1e3 * cycles["rms"]
     for axes, y in zip(column, (rms, cycles["frequency"], cycles["multiplier"]), strict=False):
         for branch in np.unique(cycles["branch"][np.isfinite(cycles["branch"])]):
@@ -267,28 +114,26 @@ def _draw_point(column: Any, point: xr.Dataset) -> None:
             for kind, style, of_kind in (("stable", "-", stable), ("unstable", "--", ~stable)):
                 # From the last cycle of the other kind on, so that the curve has no gap.
                 shown = on & (of_kind | np.append(of_kind[1:] & on[1:], False))
-                part = np.where(shown, value, np.nan)[on]
-                axes.plot(part, y[on], style, color=figures.BLUE, label=f"{kind} cycle")
+                axes.plot(
+                    np.where(shown, value, np.nan)[on], y[on], style, color=figures.BLUE, label=f"{kind} cycle"
+                )
     texts, numbers = point["place_text"].values.astype(str), point["place_number"].values
     for k, text in enumerate(sorted({*texts} - {""})):
         at = numbers[(texts == text) & np.isfinite(numbers)].astype(int)
         edge = figures.BLACK if text in ("fold", BIRTH) else figures.ORANGE
         marker, label = ("x", ENDS) if text.startswith("end") else (MARKERS[k % len(MARKERS)], text)
         column[0].plot(value[at], rms[at], marker, mfc="none", mec=edge, markersize=5.0, label=label, zorder=3)
-    for k, (way, colour, marker) in enumerate((("up", figures.GREEN, "^"), ("down", figures.RED, "v"))):
-        run_rms, label = 1e3 * point["velocity_rms"].isel(direction=k).values, f"{labels.title(name)} going {way}"
+    for way, (colour, marker) in figures.WAYS.items():
+        run_rms, label = 1e3 * point["velocity_rms"].sel(direction=way), f"{labels.title(name)} going {way}"
         column[0].plot(x, run_rms, marker, color=colour, mfc="none", markersize=4.0, label=f"runs, {label}")
     column[2].axhline(1.0, color=figures.GREY, linewidth=0.8)
     knocks, errors = (labels.readable(point[each]).values for each in knock.OUTPUTS)
-    look: dict[str, Any] = {"fmt": "o", "color": figures.BLACK, "markersize": 4.0}
-    column[3].errorbar(x, knocks, errors, label="knock that starts vibration", **look)
-    ends, onsets = following.interval(point), point["onset_value"].dropna("onset").values
+    look: dict[str, Any] = {"fmt": "o", "color": figures.BLACK, "label": "knock that starts vibration"}
+    figures.curve(column[3], x, knocks, errors, **look, capsize=0.0)
     for axes in column:
-        for onset in onsets:
+        for onset in point["onset_value"].dropna("onset").values:
             axes.axvline(factor * onset, color=figures.BLACK, linestyle=":", label="onset of flutter")
-        if ends:
-            low, high = (factor * end[0] for end in ends)
-            axes.axvspan(low, high, color=figures.GREY, alpha=0.2, linewidth=0.0, label="runs up and down differ")
+        figures.spans(axes, [[factor * end[0] for end in following.interval(point)]], "runs up and down differ")
     planes.set_side(column[-1], "x", point[name])
 
 
@@ -309,6 +154,6 @@ STUDY = Study(
         ),
     }
     | RUN,
-    outputs=OUTPUTS, function=bifurcations, coords=coords, derive=following.derive, summary=summarise,
-    figure=draw, check=check, chaotic=True,
+    outputs=branches.OUTPUTS, function=bifurcations, coords=branches.coords, derive=following.derive,
+    summary=summarise, figure=draw, check=check, chaotic=True,
 )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -15,30 +15,21 @@ from studies.declaring import labels
 from studies.declaring.parameters import RUN, published
 from studies.motion import regimes, run, series
 from studies.motion.stability import LEAST_STABLE, least_stable
-from studies.plotting import figures, planes
+from studies.plotting import figures, planes, signals
 from studies.study import Claim, Parameter, Study
 from sweeps import Variable
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 # Colours and line styles of the inclinations; of more an evenly spaced subset is drawn.
 LOOKS = ((figures.BLUE, "-"), (figures.ORANGE, "-"), (figures.GREEN, "--"), (figures.BLACK, ":"))
-# How long growth or decay is followed from the first slip on, s.
-FOLLOWED = 0.1
-# Below this share of V the motion has ended, and what remains is rounding.
-NOTHING = 1e-9
-OUTPUTS = (
-    {
-        "velocity_B": Variable("m s-1", "velocity of B along x", ("elapsed",), "float32"),
-        "spectrum": Variable(
-            "m2 s-1", "power spectral density of the velocity of B after settling", ("frequency",), "float32"
-        ),
-    }
-    | LEAST_STABLE
-    | run.SUMMARY
-)
+# Below this share of V there is but rounding; depth of the spectra, dB.
+NOTHING, DEPTH = 1e-9, 200.0
+PSD = "power spectral density of the velocity of B after settling"
+OUTPUTS = {
+    "velocity_B": Variable("m s-1", "velocity of B along x", ("elapsed",), "float32"),
+    "spectrum": Variable("m2 s-1", PSD, ("frequency",), "float32"),
+    **LEAST_STABLE,
+    **run.SUMMARY,
+}
 CLAIMS = (
     Claim("dominant_frequency", {"theta": 10.0, "V": paper.ANGLES_SPEED}, paper.ANGLES[10.0], "3.6, measured"),
     Claim("regime", {"theta": 15.0, "V": paper.ANGLES_SPEED}, "steady sliding", "3.6, measured"),
@@ -68,18 +59,15 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield "Motion and the least stable mode of steady sliding", labels.frame(table, names)
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """The histories as in the paper; below, how the vibration grows or decays, and the spectra."""
-    chosen = planes.subset(dataset.sizes["theta"], len(LOOKS))
-    layout = [["top", "top"], ["growth", "tones"]]
+    chosen, layout = planes.subset(dataset.sizes["theta"], len(LOOKS)), [["top", "top"], ["growth", "tones"]]
     figure, panels = figures.mosaic(layout, 17.0, 15.0, height_ratios=(1.0, 1.1))
     top, growth, tones = panels.values()
     for k, (colour, style) in zip(chosen, LOOKS, strict=False):
         point = dataset.isel(theta=k)
         kind, main = regimes.kind(point), float(regimes.dominant_frequency(point))
-        text = f"{labels.named('theta', point['theta'])}: {kind}" + (
-            f", dominant {main:.0f} Hz" if main > 0.0 else ""
-        )
+        text = f"{labels.named('theta', point['theta'])}: {kind}" + f", dominant {main:.0f} Hz" * (main > 0.0)
         if kind == "failed":
             top.plot([], [], color=colour, linestyle=style, label=text)
             continue
@@ -88,54 +76,34 @@ def draw(dataset: xr.Dataset) -> Figure:
         above = 3.0 - 1e-3 * float(np.ptp(velocity[len(velocity) // 2 :]))
         figures.trace(top, point["elapsed"].values, velocity, color=colour, label=text, zorder=above)
         _draw_growth(growth, point, colour)
-        tones.plot(
-            point["frequency"] / 1e3, series.decibels(point["spectrum"]), style, color=colour, linewidth=1.0
+        signals.spectrum(
+            tones, point["frequency"], point["spectrum"], color=colour, linestyle=style, linewidth=1.0
         )
     top.set(xlim=(0.0, float(dataset["duration"])), xlabel="time since the drive started / s")
     top.set_ylabel("velocity of B / (mm/s)")
-    growth.plot(
-        [], [], color=figures.RED, linestyle="--", label="growth of the least stable mode of steady sliding"
-    )
-    growth.set(yscale="log", xlim=(0.0, FOLLOWED), xlabel="time since the first slip / s")
+    growth.plot([], [], "--", color=figures.RED, label="growth of the least stable mode of steady sliding")
+    growth.set(yscale="log", xlim=(0.0, signals.SLOPE), xlabel="time since the first slip / s")
     growth.set_ylabel("velocity of B about its mean,\nlargest in 0.5 ms / (m/s)")
     if is_papers_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED):
-        look: dict[str, Any] = {"color": figures.RED, "linestyle": ":", "linewidth": 1.4, "zorder": 3.0}
-        tones.axvline(paper.ANGLES[10.0] / 1e3, **look, label="paper: measured at 10°")
-    tones.set_xlim(0.0, run.BAND / 1e3)
-    tones.set_ylim(bottom=max(tones.get_ylim()[0], tones.get_ylim()[1] - 200.0))
-    tones.set(xlabel="frequency / kHz", ylabel="PSD / dB re 1 (m/s)²/Hz")
+        signals.mark_lines(tones, [paper.ANGLES[10.0]], ":", "measured at 10°")
+    signals.finish_spectra(tones, DEPTH)
     figures.letter((top, growth, tones), ("motion", "growth and decay", "spectrum after settling"))
     figures.legend_below(figure, [top, growth, tones], 2)
-    where = ", ".join(labels.named(name, dataset[name]) for name in ("V", "mu", "F"))
-    title = f"Velocity of B along x, {where}{planes.of_all(chosen, dataset.sizes['theta'])}"
-    figure.suptitle(f"{title}\n{regimes.damping_text(dataset)}")
+    where = figures.place(dataset, "V", "mu", "F") + planes.of_all(chosen, dataset.sizes["theta"])
+    figure.suptitle(f"Velocity of B along x, {where}\n{regimes.damping_text(dataset)}")
     return figure
 
 
-def _draw_growth(axes: Axes, point: xr.Dataset, colour: str) -> None:
-    """Largest velocity in every half millisecond from the first slip on, and the slope of linear stability."""
-    first = float(point["first_slip_time"])
-    elapsed = point["elapsed"].values
-    if np.isnan(first) or first > elapsed[-1]:
-        return
-    mean = float(np.mean(point["velocity_B"].values[-len(elapsed) // 4 :].astype(float)))
-    since = (elapsed >= first) & (elapsed < first + FOLLOWED)
-    time, distance = elapsed[since] - first, np.abs(point["velocity_B"].values[since].astype(float) - mean)
-    edges = np.unique(np.searchsorted(time, np.arange(0.0, time[-1], FOLLOWED / 200)))
-    if not len(edges):
-        return
-    time, largest = time[edges], np.maximum.reduceat(distance, edges)
-    axes.plot(time, np.where(largest > NOTHING * abs(float(point["V"])), largest, np.nan), color=colour)
-    rate = float(point["mode_growth_rate"])
-    if rate > 0.0:
-        # Growth is linear until it comes near its saturation.
-        last = int(np.argmax(largest >= 0.5 * np.median(largest)))
-        ends = np.array([time[last] - 3.0 / rate, time[last]])
-    else:
-        last = min(int(np.searchsorted(time, 0.2 * FOLLOWED)), len(time) - 1)
-        ends = np.array([time[last], 0.8 * FOLLOWED])
-    slope = 2.0 * largest[last] * np.exp(rate * (ends - time[last]))
-    axes.plot(ends, slope, color=figures.RED, linestyle="--", zorder=3.0)
+def _draw_growth(axes: figures.Axes, point: xr.Dataset, colour: str) -> None:
+    """The velocity about its mean from the first slip on."""
+    first, elapsed = float(point["first_slip_time"]), point["elapsed"].values
+    since, velocity = (
+        (elapsed >= first) & (elapsed < first + signals.SLOPE),
+        point["velocity_B"].values.astype(float),
+    )
+    distance = np.abs(velocity[since] - velocity[-len(elapsed) // 4 :].mean())
+    nothing = NOTHING * abs(float(point["V"]))
+    signals.growth(axes, elapsed[since] - first, distance, float(point["mode_growth_rate"]), nothing, colour)
 
 
 STUDY = Study(

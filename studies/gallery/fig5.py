@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -11,26 +11,21 @@ import xarray as xr
 from fivcore import Rig, Structure, flutter_onsets, sliding_modes
 from studies import paper
 from studies.answering.claims import is_papers_point, rig_text
-from studies.answering.results import rig_of
+from studies.answering.results import rig_of, with_variables
 from studies.declaring import labels
 from studies.declaring.spec import evenly
 from studies.motion.run import BAND
-from studies.plotting import figures
-from studies.plotting.modes import STABLE, UNSTABLE, mark_divergence, mark_onsets, mark_recoveries, name_growing
+from studies.motion.stability import MODES
+from studies.plotting import figures, planes
+from studies.plotting import modes as branches
 from studies.study import Claim, Parameter, Study
 from sweeps import Axis
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # A file has room for at least so many modes that enter the band as friction rises, and for as many by which rigs
 # of one file differ.
 ROOM = 10
 KINDS = {"onset": "flutter onset", "recovery": "recovery"}
-OUTPUTS = {
-    "frequency": ("Hz", "frequency of the sliding mode", "mode"),
-    "growth_rate": ("s-1", "growth rate of the sliding mode", "mode"),
-}
+OUTPUTS = MODES
 # The paper's onsets are the first unstable values on a grid of mu with a step of 0.01.
 CLAIMS = tuple(
     Claim(name, {"onset": k}, value, "3.4.2, steps of 0.01" if name == "onset_mu" else "3.4.2")
@@ -55,29 +50,28 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
     """Add onsets, recoveries and divergence within the range of mu, computed as roots and not on the grid."""
     largest = max(float(dataset["mu"].max()), 1e-12)  # without friction nothing grows
     found = flutter_onsets(rig_of(dataset), float(dataset["theta"]), BAND, largest)
+    text = "coefficient of friction from which a mode grows without oscillation (divergence)"
+    added: dict[str, Any] = {"divergence_mu": ((), found.divergence_mu, "1", text)}
     crossings = (found.mu, found.frequency), (found.recovery_mu, found.recovery_frequency)
     for (kind, name), (mu, frequency) in zip(KINDS.items(), crossings, strict=True):
-        dataset[f"{kind}_mu"] = kind, mu, {"units": "1", "long_name": f"coefficient of friction at the {name}"}
-        dataset[f"{kind}_frequency"] = kind, frequency, {"units": "Hz", "long_name": f"frequency at the {name}"}
-    text = "coefficient of friction from which a mode grows without oscillation (divergence)"
-    return dataset.assign(divergence_mu=((), found.divergence_mu, {"units": "1", "long_name": text}))
+        added[f"{kind}_mu"] = kind, mu, "1", f"coefficient of friction at the {name}"
+        added[f"{kind}_frequency"] = kind, frequency, "Hz", f"frequency at the {name}"
+    return with_variables(dataset, added)
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """Onsets, recoveries and divergence, and the unstable modes at the paper's friction."""
-    ends = f"{float(dataset['mu'].min()):g} to {float(dataset['mu'].max()):g}"
+    where = "for mu from {:g} to {:g}, modes below 10 kHz".format(*dataset["mu"].values[[0, -1]])
     count, diverges = dataset.sizes["onset"], float(dataset["divergence_mu"])
     grows = (dataset["growth_rate"] > 0.0).any("mode").values
     if count:
-        first = float(dataset["onset_mu"][0]), float(dataset["onset_frequency"][0])
-        yield (
-            f"Steady sliding flutters from mu = {first[0]:.4f} on, at {first[1]:.0f} Hz; "
-            f"{count} onset{'s' * (count > 1)} for mu from {ends}, modes below {BAND / 1e3:g} kHz."
-        )
+        mu, hertz = (float(dataset[f"onset_{name}"][0]) for name in ("mu", "frequency"))
+        text = f"{count} onset{'s' * (count > 1)} {where}"
+        yield f"Steady sliding flutters from mu = {mu:.4f} on, at {hertz:.0f} Hz; {text}."
     elif not grows.any():
-        yield f"Steady sliding is stable for mu from {ends}, modes below {BAND / 1e3:g} kHz."
+        yield f"Steady sliding is stable {where}."
     elif np.isnan(diverges):
-        yield f"No flutter onset for mu from {ends}, though modes below {BAND / 1e3:g} kHz grow."
+        yield f"No flutter onset {where}, though some of them grow."
     if np.isfinite(diverges):
         yield f"The contact jams: a mode grows without oscillation from mu = {diverges:.4f} on."
     for kind, caption in {"onset": "Flutter onsets", "recovery": "Recoveries"}.items():
@@ -92,32 +86,26 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
             yield caption, labels.frame(unstable, ["mode", "frequency", "growth_rate"])
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Branches over mu as in the paper, unstable ones in colour, and their growth rates below."""
-    figure, (top, bottom) = figures.panels(
-        2, 1, 15.0, 16.0, sharex=True, gridspec_kw={"height_ratios": (3.0, 1.5)}
+    figure, (top, bottom) = figures.panels(2, 1, 15.0, 16.0, sharex=True, height_ratios=(3.0, 1.5))
+    mu, frequency, growth = (dataset[name].values for name in ("mu", "frequency", "growth_rate"))
+    branches.draw_branches(top, bottom, mu, frequency, growth, 1e3, "." if len(mu) < 3 else None)
+    branches.name_growing(bottom, mu[-1], frequency[-1], growth[-1])
+    top.set(
+        ylim=(0.0, min(1e-3 * BAND, max(0.1, 1.3e-3 * np.nanmax(frequency, initial=0.0)))),
+        ylabel="frequency / kHz",
     )
-    mu, frequency, growth = dataset["mu"], 1e-3 * dataset["frequency"], dataset["growth_rate"]
-    marker = "." if len(mu) < 3 else None
-    top.plot(mu, frequency.where(~(growth > 0.0)), marker=marker, color=figures.BLACK)
-    top.plot(mu, frequency.where(growth > 0.0), marker=marker, **UNSTABLE)
-    bottom.plot(mu, growth.where(growth > 0.0), marker=marker, color=figures.RED)
-    name_growing(bottom, float(mu[-1]), dataset["frequency"].values[-1], growth.values[-1])
-    top.plot([], [], **STABLE)
-    top.set(ylim=(0.0, min(BAND / 1e3, max(0.1, 1.3 * float(frequency.max())))), ylabel="frequency / kHz")
-    mark_onsets(top, dataset["onset_mu"].values, dataset["onset_frequency"].values, 1e3)
-    mark_recoveries(top, dataset["recovery_mu"].values, 1e-3 * dataset["recovery_frequency"].values)
-    mark_divergence((top, bottom), float(dataset["divergence_mu"]))
-    papers = is_papers_point(dataset, theta=paper.THETA)
-    claimed = np.array([onset for onset in paper.ONSETS if papers and onset[0] <= mu.max()]).reshape(-1, 2).T
-    if claimed.size:
-        look: dict[str, Any] = {"markersize": 7, "markerfacecolor": "none", "color": figures.ORANGE, "zorder": 4}
-        top.plot(claimed[0], claimed[1] / 1e3, "D", label="first unstable μ, paper", **look)
+    branches.mark_onsets(top, dataset["onset_mu"].values, dataset["onset_frequency"].values, 1e3)
+    branches.mark_recoveries(top, dataset["recovery_mu"].values, 1e-3 * dataset["recovery_frequency"].values)
+    branches.mark_divergence((top, bottom), float(dataset["divergence_mu"]))
+    if is_papers_point(dataset, theta=paper.THETA):
+        look = planes.PAPER["first unstable μ"] | {"color": figures.ORANGE, "markerfacecolor": "none"}
+        planes.marks(top, [(mu, 1e-3 * hertz) for mu, hertz in paper.ONSETS], **look | {"markeredgecolor": None})
     figures.letter((top, bottom), ("frequency", "growth rate of unstable modes"))
     figures.legend_below(figure, [top], 2)
     figure.suptitle(f"Modes of steady sliding, θ = {float(dataset['theta']):g}°{rig_text(dataset)}")
-    bottom.set(ylabel="growth rate / (1/s)", xlabel="coefficient of friction μ")
-    bottom.set_ylim(bottom=0.0)
+    bottom.set(ylabel="growth rate / (1/s)", xlabel="coefficient of friction μ", ylim=(0.0, None))
     return figure
 
 

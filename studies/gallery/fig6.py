@@ -3,78 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from fivcore import Rig, SlidingModes, checks, flutter_onsets, node_positions, sliding_modes
+from fivcore import checks, node_positions, sliding_modes
 from studies import paper
 from studies.answering import results
 from studies.answering.claims import is_papers_point
 from studies.declaring import labels, spec
 from studies.declaring.parameters import Parameter
 from studies.motion import run, scenes
+from studies.motion.stability import MODES
+from studies.physics.lock_in import MOST_MU, closest_two, lock_in, pair, path
 from studies.plotting import figures
 from studies.study import Claim, Study
-from sweeps import Axis, InputError
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-# The pair is followed from its onset, in steps so small that it is nearest to itself, over whole intervals of mu.
-MU_MAX, STEP, INTERVAL, MOST_MU = 1.0, 2e-4, 0.2, 4.0
-
-
-def pair(rig: Rig, theta: float, mu: np.ndarray) -> dict[str, np.ndarray]:
-    """Frequency and growth rate of the two modes that lock in first; NaN where they have left the band."""
-    followed = path(rig, theta, int(np.ceil(mu.max() / INTERVAL)))
-    modes = sliding_modes(rig, theta, mu, run.BAND)
-    frequency, growth = np.full((2, len(mu), 2), np.nan)
-    for m, near in enumerate(np.rint(mu / STEP)):
-        if len(both := closest_two(modes, m, followed[int(near)])):
-            frequency[m], growth[m] = modes.frequency[m, both], modes.growth_rate[m, both]
-    return {"frequency": frequency, "growth_rate": growth}
-
-
-def lock_in(rig: Rig, theta: float) -> tuple[float, float, np.ndarray]:
-    """Coefficient of friction, frequency and both eigenvalues where the first two modes lock in."""
-    found = flutter_onsets(rig, theta, run.BAND, MU_MAX)
-    if not len(found.mu):
-        raise InputError(f"theta = {theta:g}: no two modes below {run.BAND:g} Hz lock in up to mu = {MU_MAX:g}")
-    frequency = float(found.frequency[0])
-    return float(found.mu[0]), frequency, np.full(2, complex((2.0 * np.pi * frequency) ** 2))
-
-
-@lru_cache(maxsize=8)
-def path(rig: Rig, theta: float, intervals: int) -> np.ndarray:
-    """The pair's eigenvalues lambda at multiples of STEP, (mu, 2), over so many intervals or to its onset."""
-    onset, _, near = lock_in(rig, theta)
-    mu = STEP * np.arange(round(max(intervals, np.ceil(onset / INTERVAL)) * INTERVAL / STEP) + 1)
-    modes, start = sliding_modes(rig, theta, mu, run.BAND), int(np.abs(mu - onset).argmin())
-    followed = np.full((len(mu), 2), complex(np.nan, np.nan))
-    for way in (range(start, len(mu)), range(start - 1, -1, -1)):
-        for m in way:
-            if not len(both := closest_two(modes, m, near)):
-                break
-            near = followed[m] = modes.eigenvalue[m, both]
-        near = followed[start]
-    return followed
-
-
-def closest_two(modes: SlidingModes, m: int, near: np.ndarray) -> np.ndarray:
-    """The two modes at the m-th mu nearest to `near`; the lower, or of a conjugate pair the decaying first."""
-    coupled = np.nonzero(~modes.uncoupled[m] & np.isfinite(modes.frequency[m]))[0]
-    values = modes.eigenvalue[m, coupled]
-    cost = np.abs(values[:, None] - near[0]) + np.abs(values - near[1])
-    np.fill_diagonal(cost, np.inf)
-    if len(coupled) < 2 or not cost.min() <= 0.5 * np.abs(near).sum():
-        return coupled[:0]
-    both = coupled[list(np.unravel_index(cost.argmin(), cost.shape))]
-    values = modes.eigenvalue[m, both]
-    conjugate = np.abs(values.imag).max() > 1e-9 * np.abs(values).max()
-    return np.asarray(both[np.argsort((modes.growth_rate if conjugate else modes.frequency)[m, both])])
+from sweeps import Axis
 
 
 def check(mu: Any, theta: Any, **numbers: Any) -> None:
@@ -119,7 +64,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield f"The modes at mu = {float(start['mu']):g}", labels.frame(start, ["mode", "frequency", "growth_rate"])
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Root locus above, the shape at lock-in below."""
     figure, (locus, shape) = figures.panels(2, 1, 17.0, 17.0, height_ratios=(1.5, 1.0))
     mu, onset, hertz = dataset["mu"].values, float(dataset["lock_in_mu"]), float(dataset["lock_in_frequency"])
@@ -157,10 +102,7 @@ STUDY = Study(
         "mu": Parameter(spec.evenly(0.0, 0.2, 2001), "1", "coefficient of friction"),
         "theta": Parameter(paper.THETA, "degree", "inclination of P1", common=True),
     },
-    outputs={
-        "frequency": ("Hz", "frequency of the sliding mode", "mode"),
-        "growth_rate": ("s-1", "growth rate of the sliding mode", "mode"),
-    },
+    outputs=MODES,
     function=pair,
     coords={"mode": Axis([1, 2], "1", "number of the mode without friction, ascending in frequency")},
     derive=derive, summary=summarise, figure=draw,

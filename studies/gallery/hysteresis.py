@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,84 +12,65 @@ import xarray as xr
 from studies.declaring import labels
 from studies.declaring.parameters import RUN, SCENE
 from studies.declaring.spec import edges, evenly
-from studies.motion import regimes
-from studies.motion.following import (
-    COORDS,
-    DIRECTIONS,
-    FOLLOWED,
-    OUTPUTS,
-    check,
-    derive,
-    follow,
-    followed,
-    interval,
-)
+from studies.motion import following, regimes
 from studies.plotting import figures, general, planes
 from studies.study import Parameter, Study
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """Where the motion depends on the direction, and the motion at each value."""
-    name = followed(dataset)
-    factor, unit = labels.unit_of(dataset[name])[1], labels.unit_of(dataset[name])[0]
+    name, (unit, factor) = following.followed(dataset), labels.unit_of(dataset[following.followed(dataset)])
     ends = [
         f"{'beyond ' if is_open else ''}{factor * value:.4g} ± {factor * error:.2g}"
-        for value, error, is_open in interval(dataset)
+        for value, error, is_open in following.interval(dataset)
     ]
     where = f"{labels.title(name)} from {' to '.join(ends)}{f' {unit}' if unit else ''}"
-    count = int(np.isfinite(dataset["bistable_low"]).sum())
-    loops = dataset["bistable_low"].size
+    count, size = int(np.isfinite(dataset["bistable_low"]).sum()), dataset["bistable_low"].size
     if ends:
-        yield f"Sliding and vibration are both stable at {where}, in {count} of {loops} loops."
+        yield f"Sliding and vibration are both stable at {where}, in {count} of {size} loops."
     else:
         yield "Up and down the motion is the same, steady or vibrating, at each value: there is no hysteresis."
     at = dataset.isel({dim: 0 for dim in dataset["status"].dims})
     table = pd.DataFrame({name: labels.readable(dataset[name]).values})
-    for k, way in enumerate(DIRECTIONS):
-        codes = at["regime"].isel(direction=k).values
-        table[f"{way}"] = [regimes.KINDS[int(code)] if np.isfinite(code) else "-" for code in codes]
-        table[f"{way}, rms mm/s"] = (1e3 * at["velocity_rms"].isel(direction=k)).round(4).values
+    for way in following.DIRECTIONS:
+        codes, rms = (at[key].sel(direction=way).values for key in ("regime", "velocity_rms"))
+        table[way] = [regimes.KINDS[int(code)] if np.isfinite(code) else "-" for code in codes]
+        table[f"{way}, rms mm/s"] = (1e3 * rms).round(4)
     table["growth rate 1/s"] = at["growth_rate"].values
     yield "Motion at each value, first loop", table
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Extrema of the velocity of B both ways, and growth rates."""
     if not bool(np.isfinite(dataset["regime"]).any()):
         return general.draw(dataset)
-    name, ends = followed(dataset), interval(dataset)
-    figure, (top, middle, below) = figures.panels(3, 1, 16.0, 19.0, sharex=True, height_ratios=(2.0, 1.2, 1.0))
-    x, factor = labels.readable(dataset[name]), labels.unit_of(dataset[name])[1]
-    looks = (("up", figures.BLUE, "^", -1.0), ("down", figures.ORANGE, "v", 1.0))
-    shift = 0.12 * np.diff(edges(x.values))
-    rest = [dim for dim in dataset["status"].dims]
-    for k, (way, colour, marker, side) in enumerate(looks):
-        at = dataset.isel(direction=k).transpose(name, ...)
-        points = 1e3 * at["extremum"].values.reshape(len(x), -1)
-        along = np.broadcast_to((x.values + side * shift)[:, None], points.shape)
-        top.plot(along.ravel(), points.ravel(), ".", color=colour, markersize=1.5, alpha=0.5)
-        rms = 1e3 * at["velocity_rms"].values.reshape(len(x), -1)
-        middle.plot(x, rms, color=colour, linewidth=0.6)
-        middle.plot(x, rms, marker, color=colour, markersize=4.0, mfc="none", label=None)
-        middle.plot([], [], color=colour, marker=marker, mfc="none", label=f"{way}ward")
-    at = dataset.isel({dim: 0 for dim in rest if dim in dataset["growth_rate"].dims})
+    name, ends = following.followed(dataset), following.interval(dataset)
+    figure, panels = figures.panels(3, 1, 16.0, 19.0, sharex=True, height_ratios=(2.0, 1.2, 1.0))
+    top, middle, below = panels
+    x, factor = labels.readable(dataset[name]).values, labels.unit_of(dataset[name])[1]
+    shift = 0.12 * np.diff(edges(x))
+    for (way, (colour, marker)), side in zip(figures.WAYS.items(), (-1.0, 1.0), strict=True):
+        at = dataset.sel(direction=way).transpose(name, ...)
+        extrema, rms = (1e3 * at[key].values.reshape(len(x), -1) for key in ("extremum", "velocity_rms"))
+        along = np.broadcast_to((x + side * shift)[:, None], extrema.shape)
+        top.plot(along.ravel(), extrema.ravel(), ".", color=colour, markersize=1.5, alpha=0.5)
+        middle.plot(
+            x, rms, color=colour, marker=marker, linewidth=0.6, markersize=4.0, mfc="none", label=f"{way}ward"
+        )
+    at = dataset.isel({dim: 0 for dim in dataset["status"].dims if dim in dataset["growth_rate"].dims})
     below.plot(x, at["growth_rate"], color=figures.BLACK, label="modes below 10 kHz")
     below.plot(x, at["model_growth_rate"], ":", color=figures.GREY, label="all modes that are simulated")
     below.axhline(0.0, color=figures.GREY, linewidth=0.8)
-    for axes in (top, middle, below) if ends else ():
-        axes.axvspan(factor * ends[0][0], factor * ends[1][0], color=figures.GREY, alpha=0.2, linewidth=0.0)
-    top.set_ylabel("extrema of the velocity of B / (mm/s)")
-    middle.set_ylabel("RMS velocity of B / (mm/s)")
-    below.set_ylabel("growth rate / (1/s)")
+    sides = ("extrema of the velocity of B / (mm/s)", "RMS velocity of B / (mm/s)", "growth rate / (1/s)")
+    for axes, text in zip(panels, sides, strict=True):
+        figures.spans(axes, [[factor * end[0] for end in ends]])
+        axes.set_ylabel(text)
     planes.set_side(below, "x", dataset[name])
-    figures.letter((top, middle, below), ("motion", "its size", "linear stability of steady sliding"))
+    figures.letter(panels, ("motion", "its size", "linear stability of steady sliding"))
     figures.legend_below(figure, [middle, below], 4)
-    where = [labels.named(each, dataset[each]) for each in ("V", "theta", "mu", "F") if dataset[each].ndim == 0]
     both = "; grey: sliding and vibration are both stable" if ends else ""
-    figure.suptitle(figures.fitted(f"{labels.title(name)} followed up and down, {', '.join(where)}{both}", 16.0))
+    title = f"{labels.title(name)} followed up and down, {figures.place(dataset, *SCENE)}{both}"
+    figure.suptitle(figures.fitted(title, 16.0))
     return figure
 
 
@@ -101,14 +82,13 @@ STUDY = Study(
     parameters={
         "mu": Parameter(evenly(0.08, 0.13, 26), "1", SCENE["mu"].text, inner=True),
         "member": Parameter(np.arange(1, 4), "1", "realisation, by the ramp of the drive"),
-        "follow": Parameter("mu", "1", "parameter that is followed", FOLLOWED, common=True),
+        "follow": Parameter("mu", "1", "parameter that is followed", following.FOLLOWED, common=True),
         "hold": Parameter(0.5, "s", "time of statistics at each value", common=True),
         "knock": Parameter(
             0.0, "N s", "start by this impulse on sliding P1, positive onto P2; 0: start of the drive", common=True
         ),
     }
     | RUN,
-    outputs=OUTPUTS, function=follow,
-    coords=COORDS,
-    derive=derive, summary=summarise, figure=draw, check=check, chaotic=True,
+    outputs=following.OUTPUTS, function=following.follow, coords=following.COORDS, derive=following.derive,
+    summary=summarise, figure=draw, check=following.check, chaotic=True,
 )  # fmt: skip

@@ -2,70 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from fivcore import Rig, checks
+from fivcore import checks
 from studies import paper
 from studies.answering.claims import is_papers_rig, rig_text
 from studies.answering.results import configuration, settings
 from studies.declaring import labels
-from studies.declaring.parameters import RIG, Parameter, rig_numbers
+from studies.declaring.parameters import RIG, Parameter
 from studies.declaring.spec import evenly
 from studies.motion import uncertainty
 from studies.motion.run import BAND
 from studies.motion.uncertainty import MOST_SAMPLES, MU_MAX, USUAL
+from studies.physics.probability import OUTPUTS, probabilities, with_draws
 from studies.plotting import figures, planes
 from studies.study import Study
-from sweeps import DONE, Axis, InputError, Variable
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from sweeps import DONE, Axis, InputError
 
 # Fractions of rigs in the table, contours in the figure, parameters in both; total index of a dominant parameter.
 RISKS = (0.01, 0.05, 0.5, 0.95, 0.99)
 CONTOURS: dict[float, Any] = {0.05: (0, (1.3, 1.3)), 0.5: "-", 0.95: (0, (6, 1.5))}
 LISTED, DOMINANT = 6, 0.05
-OUTPUTS = {
-    "probability_unstable": ("1", "probability of instability", "mu"),
-    "nominal_unstable": Variable("1", "nominal stability", ("mu",), "int8", flags={0: "stable", 1: "unstable"}),
-    "nominal_onset_mu": ("1", "lowest onset mu of the nominal rig"),
-    "nominal_onset_frequency": ("Hz", "frequency at the nominal rig's lowest onset"),
-    "onset_mu": Variable("1", "lowest onset mu of a rig", ("sample",), digits=6),
-    "onset_frequency": Variable("Hz", "frequency at a rig's lowest onset", ("sample",), digits=6),
-    "sobol_first": ("1", "first Sobol index of the lowest onset", "parameter"),
-    "sobol_total": ("1", "total Sobol index of the lowest onset", "parameter"),
-    "sobol_first_se": ("1", "standard error of the first Sobol index", "parameter"),
-    "sobol_total_se": ("1", "standard error of the total Sobol index", "parameter"),
-}
-
-
-def probabilities(
-    rig: Rig, theta: Any, mu: Any, samples: int, sobol_samples: int, seed: int, distributions: Mapping[str, str]
-) -> dict[str, Any]:
-    """The outputs at each inclination, of the same rigs; the indices of a certain parameter are 0."""
-    texts = distributions or uncertainty.usual(rig_numbers(rig))
-    draws, uncertain = uncertainty.draws(texts, samples, seed), uncertainty.distributions(texts)
-    places, rows = [list(USUAL).index(name) for name in uncertain], []
-    for angle in theta:
-        nominal, onsets = (uncertainty.onsets(rig, {"theta": angle, **numbers}) for numbers in ({}, draws))
-        indices, lowest = np.zeros((4, len(USUAL))), partial(_lowest, rig, angle)
-        indices[:, places] = uncertainty.sobol_indices(lowest, uncertain, sobol_samples, seed)
-        unstable = onsets.unstable(mu).mean(axis=0), nominal.unstable(mu)[0]
-        first = np.ravel(uncertainty.lowest(nominal, np.nan))
-        rows.append((*unstable, *first, *uncertainty.lowest(onsets, np.nan), *indices))
-    return dict(zip(OUTPUTS, map(np.array, zip(*rows, strict=True)), strict=True))
-
-
-def _lowest(rig: Rig, theta: float, numbers: Mapping[str, Any]) -> np.ndarray:
-    """The lowest onset of many rigs; MU_MAX where they have none."""
-    return uncertainty.lowest(uncertainty.onsets(rig, {"theta": theta, **numbers}), MU_MAX)[0]
 
 
 def check(mu: Any, samples: int, sobol_samples: int, seed: int, **others: Any) -> None:
@@ -82,16 +44,8 @@ def check(mu: Any, samples: int, sobol_samples: int, seed: int, **others: Any) -
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:
     """Add Wilson's interval of the probability, and the draws as coordinates."""
-    share, count = dataset["probability_unstable"], dataset.sizes["sample"]
-    for end, values in zip(("low", "high"), uncertainty.wilson(share.values, count), strict=True):
-        text = f"{end} end of Wilson's 95 % interval of probability_unstable"
-        dataset[f"probability_{end}"] = (share.dims, values, {"units": "1", "long_name": text})
     texts = configuration(dataset)["constants"].get("distributions") or uncertainty.usual(settings(dataset))
-    draws = uncertainty.draws(texts, count, settings(dataset)["seed"])
-    for name, distribution in uncertainty.distributions(texts).items():
-        about = {"units": RIG[name].units, "long_name": RIG[name].text, "distribution": distribution.text}
-        dataset = dataset.assign_coords({name: ("sample", draws[name], about | {"truncated": distribution.cut})})
-    return dataset
+    return with_draws(dataset, texts, settings(dataset)["seed"])
 
 
 def ranked(dataset: xr.Dataset) -> xr.Dataset:
@@ -125,7 +79,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield "Uncertain parameters", uncertainty.table({name: at[name].distribution for name in at.parameter.values})
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Probability over inclination and friction; at the angle next to the paper's, what it depends on."""
     at, whole = ranked(dataset), min(dataset.sizes["theta"], dataset.sizes["mu"]) > 1
     layout = [["plane", "plane"]] * whole + [["along", "rigs"], ["bars", "bars"]]
@@ -149,9 +103,10 @@ def draw(dataset: xr.Dataset) -> Figure:
     across, up = (figures.fitted(labels.label(array, long=True), 7.0) for array in (x, y))
     panels["rigs"].set(xlabel=across, ylabel=up)
     bars, axes = at.isel(parameter=slice(LISTED)), panels["bars"]
+    rows = np.arange(bars.sizes["parameter"])
     for shift, kind, colour in ((-0.19, "first", figures.GREY), (0.19, "total", figures.BLUE)):
-        rows, look = np.arange(bars.sizes["parameter"]), {"color": colour, "label": f"{kind} Sobol index"}
-        axes.barh(rows + shift, bars[f"sobol_{kind}"], 0.36, xerr=bars[f"sobol_{kind}_se"], **look)
+        look = {"color": colour, "label": f"{kind} Sobol index", "xerr": bars[f"sobol_{kind}_se"]}
+        axes.barh(rows + shift, bars[f"sobol_{kind}"], 0.36, **look)
     axes.set_yticks(rows, bars["text"].values)
     axes.set(xlabel="fraction of the variance of the lowest onset", xlim=(0.0, None), ylim=(len(rows) - 0.5, -0.5))
     titles = ["probability of instability"] * whole + ["along μ", "lowest onsets", "dominant parameters"]
@@ -162,20 +117,18 @@ def draw(dataset: xr.Dataset) -> Figure:
     return figure
 
 
-def _draw_plane(axes: Axes, dataset: xr.Dataset) -> None:
+def _draw_plane(axes: figures.Axes, dataset: xr.Dataset) -> None:
     """Probability as lightness, its contours, and where the nominal rig becomes unstable."""
     share = dataset["probability_unstable"].transpose("mu", "theta")
-    theta, mu = share["theta"].values, share["mu"].values
-    mesh = planes.cells(axes, share, "theta", "mu", vmin=0.0, vmax=1.0)
-    axes.figure.colorbar(mesh, ax=axes).set_label(labels.label(share, long=True))
+    planes.numbers(axes, share, "theta", "mu", labels.label(share, long=True), vmin=0.0, vmax=1.0)
     for level, style in CONTOURS.items():
         if (share > level).any() and (share < level).any():
-            axes.contour(theta, mu, share, levels=[level], colors="white", linestyles=[style], linewidths=1.3)
+            look: dict[str, Any] = {"levels": [level], "linestyles": [style], "linewidths": 1.3}
+            axes.contour(share["theta"], share["mu"], share, colors="white", **look)
             axes.plot([], [], color=figures.GREY, linestyle=style, label=f"probability {level:g}")
-    axes.plot(theta, dataset["nominal_onset_mu"], color=figures.RED, label="nominal rig", scaley=False)
+    axes.plot(share["theta"], dataset["nominal_onset_mu"], color=figures.RED, label="nominal rig", scaley=False)
     if is_papers_rig(dataset):
-        look = {"marker": "D", "color": "black", "markerfacecolor": "white", "label": "first unstable μ, paper"}
-        planes.marks(axes, [(paper.THETA, onset) for onset, _ in paper.ONSETS], **look, zorder=4.0)
+        planes.marks(axes, [(paper.THETA, mu) for mu, _ in paper.ONSETS], **planes.PAPER["first unstable μ"])
 
 
 STUDY = Study(

@@ -3,34 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from fivcore import OnsetSensitivity, Rig, checks, flutter_onsets, onset_curves, onset_sensitivity
+from fivcore import Rig, checks
 from studies import paper
 from studies.answering.claims import rig_text
 from studies.declaring import labels
-from studies.declaring.parameters import RIG, Parameter, rig_numbers
+from studies.declaring.parameters import RIG, Parameter
 from studies.declaring.spec import evenly
-from studies.motion.run import BAND
-from studies.motion.scenes import rig_of
 from studies.motion.uncertainty import UNCERTAIN
+from studies.physics.onsets import PAIRS, changed, pairs_at
 from studies.plotting import figures, planes
 from studies.study import Study
-from sweeps import Axis, InputError, Variable
+from sweeps import Axis, Variable
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-# Relative change of a parameter. Friction is a function of frequency, which tells onsets apart: further than SAME
-# from the predicted frequency an onset may be another, born where this one met a recovery.
-PAIRS, STEP, SAME = 3, 0.01, 0.01
 # Parameters that the summary names; largest sensitivity of one that hardly matters; looks over theta.
 MATTER, SLIGHT = 3, 0.1
 COLOURS, MARKERS = (figures.BLUE, figures.RED, figures.GREEN, figures.ORANGE, figures.GREY), "os^Dv"
@@ -59,43 +49,6 @@ def sensitivities(rig: Rig, theta: Any, parameter: Any, pairs_theta: float, mu_m
         for output, value in zip(OUTPUTS, values, strict=True):
             results[output][row, places >= 0] = value[places[places >= 0]]
     return results
-
-
-@lru_cache(maxsize=8)
-def pairs_at(rig: Rig, theta: float, start: float, mu_max: float) -> tuple[OnsetSensitivity, np.ndarray]:
-    """All onsets at `theta`, and the place of each pair among them, which `start` numbers; -1 for none."""
-    angles = np.unique([start, theta])
-    branches = onset_curves(rig, angles, BAND, mu_max).mu
-    first, last = branches[np.searchsorted(angles, [start, theta])]
-    onsets, places = onset_sensitivity(rig, theta, BAND, mu_max), np.full(PAIRS, -1)
-    for pair, branch in enumerate(np.argsort(first)[:PAIRS]):
-        # At the given angles the curves have the bits of `flutter_onsets`.
-        if np.isfinite(first[branch]) and last[branch] in onsets.mu:
-            places[pair] = np.flatnonzero(onsets.mu == last[branch])[0]
-    return onsets, places
-
-
-def changed(rig: Rig, theta: float, name: str, onsets: OnsetSensitivity, mu_max: float) -> tuple[Any, Any]:
-    """Friction and frequency of the onsets when a parameter is 1 % larger.
-
-    NaN where no onset is within SAME of the frequency that the derivative predicts, or where no such rig exists.
-    """
-    mu, frequency = np.full((2, len(onsets.mu)), np.nan)
-    with suppress(InputError):
-        # An onset may rise beyond the friction of interest.
-        after = flutter_onsets(*larger(rig, theta, name), BAND, 2.0 * mu_max)
-        predicted = onsets.frequency * (1.0 + STEP * np.nan_to_num(onsets.frequency_normalised[name]))
-        away = np.abs(np.log(after.frequency[:, None] / predicted))
-        j, k = np.nonzero((away == away.min(0, initial=SAME)) & (away == away.min(1, initial=SAME, keepdims=True)))
-        mu[k], frequency[k] = after.mu[j], after.frequency[j]
-    return mu, frequency
-
-
-def larger(rig: Rig, theta: float, name: str) -> tuple[Rig, float]:
-    """The rig and the inclination with one parameter 1 % larger."""
-    numbers = rig_numbers(rig) | {"theta": theta}
-    numbers[name] *= 1.0 + STEP
-    return rig_of(numbers), numbers["theta"]
 
 
 def check(pairs_theta: float, mu_max: float) -> None:
@@ -138,7 +91,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         yield f"{one['text'].item()} {where}: change in % for 1 % more of", table
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """A row for each pair: sensitivities by size with the change by 1 % more, and the first over theta."""
     at = ranked(dataset)
     strongest = [name for name in at["parameter"].values.tolist() if name != "theta"]
@@ -164,7 +117,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     return figure
 
 
-def _draw_bars(axes: Axes, one: xr.Dataset, looks: dict[str, tuple[str, str]]) -> None:
+def _draw_bars(axes: figures.Axes, one: xr.Dataset, looks: dict[str, tuple[str, str]]) -> None:
     """Sensitivities, the largest at the top; circles where the onset is when the parameter is 1 % larger."""
     one = one.isel(parameter=np.argsort(abs(one["elasticity_mu"]).fillna(0.0).values, kind="stable"))
     values, names = one["elasticity_mu"].fillna(0.0).values, one["parameter"].values.tolist()

@@ -3,43 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from fivcore import OnsetCurves, Rig, onset_curves
+from fivcore import Rig
 from studies import paper
 from studies.answering import results
 from studies.answering.claims import is_papers_rig, rig_text
 from studies.declaring import labels, spec
 from studies.declaring.parameters import SLIDING, Parameter
 from studies.motion.run import BAND
-from studies.motion.stability import (
-    first_onsets,
-    friction_in,
-    growths,
-    intervals_summary,
-    with_flags,
-    with_unstable_intervals,
-)
-from studies.plotting import figures, general, planes
+from studies.motion.stability import growths, intervals_summary
+from studies.physics.onsets import BRANCHES, with_branches
+from studies.plotting import angles, figures, general, planes
 from studies.study import Claim, Study
 from sweeps import Variable
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 OUTPUTS = {
     "growth_rate": Variable("s-1", "largest growth rate of steady sliding below 10 kHz", (), "float32", digits=4),
     "frequency": Variable("Hz", "frequency of the least stable mode", (), "float32", digits=5),
     "unstable_modes": Variable("1", "number of unstable pairs of modes below 10 kHz", (), "int8"),
 }
-ENDS = ("range", "mu_max", "fmax", "fold")
-TRACED = {"theta": "degree", "mu": "1", "frequency": "Hz"}
-# Branches: dimension, name of their variables, description.
-BRANCHES = {"pair": ("onset", "the pair's flutter onset"), "recovery": ("recovery", "a pair's recovery")}
 STEADY = "3.6, measured: slides steadily"
 # A pair is the one with the nearest frequency.
 CLAIMS = (
@@ -53,7 +40,6 @@ CLAIMS = (
 )
 # Of so many unstable pairs, the last of more as well.
 COUNTS = (planes.STABLE, "#a6dcf7", figures.BLUE, "#00304d")
-STYLES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (1.3, 1.3)), (0, (6, 1.5, 1.3, 1.5)))
 # Growth rates below this fraction of the largest have one shade.
 FAINTEST = 0.01
 
@@ -64,67 +50,8 @@ def plane(rig: Rig, theta: np.ndarray, mu: np.ndarray, **sliding: Any) -> dict[s
 
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:
-    """Add branches of onsets and recoveries over theta, unstable intervals at the paper's friction, and the bound.
-
-    Where branches or intervals cannot be separated there are none, and a `comment` gives the reason.
-    """
-    theta, mu, comment = dataset["theta"].values, dataset["mu"].values, ""
-    curves = OnsetCurves((), (), theta, *np.empty((4, len(theta), 0)))
-    rig = results.rig_of(dataset)
-    if not isinstance(rig, Rig):
-        comment = "a structure has one inclination"
-    elif friction_in(dataset).kinetic_ratio != 1.0:
-        comment = "friction depends on the speed"
-    elif mu.max() > 0.0:
-        try:
-            curves = onset_curves(rig, theta, BAND, float(mu.max()))
-        except ArithmeticError as problem:
-            comment = str(problem)
-    friction, tangent = float(np.clip(paper.MU, mu.min(), mu.max())), np.tan(np.radians(theta))
-    dataset = with_unstable_intervals(dataset, rig, friction)
-    added = branches("pair", curves.onsets, curves.mu, curves.frequency)
-    added |= branches("recovery", curves.recoveries, curves.recovery_mu, curves.recovery_frequency)
-    # The lowest onset at each angle, NaN where there is none.
-    table = np.pad([curves.mu, curves.frequency], ((0, 0), (0, 0), (0, 1)), constant_values=np.nan)
-    first = np.where(np.isnan(table[0]), np.inf, table[0]).argmin(axis=1)
-    lowest = table[:, np.arange(len(theta)), first]
-    if comment:
-        lowest = np.array(first_onsets(dataset, rig)[1:])
-    text = "at the lowest flutter onset; pairs that enter the band unstable are not counted"
-    added["onset_mu"] = "theta", lowest[0], "1", f"coefficient of friction {text}"
-    added["onset_frequency"] = "theta", lowest[1], "Hz", f"frequency {text}"
-    added["bound_mu"] = "theta", np.where(tangent > 0.0, tangent, np.nan), "1", "tan(theta), if above 0"
-    added["window_mu"] = (), friction, "1", "coefficient of friction of the unstable intervals"
-    # The branches as they were followed, to their ends, one after the other.
-    traces = (*curves.onsets, *curves.recoveries)
-    number = np.repeat(np.arange(len(traces), dtype=np.int16), [len(curve.theta) for curve in traces])
-    added["trace_branch"] = "trace", number, "1", "number of the branch, from 0; onsets first"
-    for name, units in TRACED.items():
-        values = np.concatenate([np.empty(0), *(getattr(curve, name) for curve in traces)])
-        added[f"trace_{name}"] = "trace", np.float32(values), units, f"{name} along the branches"
-    for name, (dims, values, units, text) in added.items():
-        dataset[name] = dims, values, {"units": units, "long_name": text}
-    numbers = {dim: dataset[f"{dim}_lowest_frequency"] for dim in BRANCHES if dataset.sizes[dim]}
-    dataset = dataset.assign_coords(numbers)
-    if comment:
-        dataset["pair_onset_mu"].attrs["comment"] = comment
-    return with_flags(dataset, ENDS, *(f"{dim}_{end}" for dim in BRANCHES for end in ("begins", "ends")))
-
-
-def branches(dim: str, curves: Any, mu: np.ndarray, frequency: np.ndarray) -> dict[str, Any]:
-    """Branches at the grid's angles, where each is lowest, and how it begins and ends."""
-    kind, text = BRANCHES[dim]
-    added: dict[str, Any] = {
-        f"pair_{kind}_mu": (("theta", dim), mu, "1", f"coefficient of friction at {text}"),
-        f"pair_{kind}_frequency": (("theta", dim), frequency, "Hz", f"frequency at {text}"),
-    }
-    places = np.array([curve.lowest for curve in curves]).reshape(-1, 3).T
-    for (name, units), values in zip(TRACED.items(), places, strict=True):
-        added[f"{dim}_lowest_{name}"] = (dim, values, units, f"{name} where {text} is lowest in mu")
-    for k, name in enumerate(("begins", "ends")):
-        codes = np.array([ENDS.index(curve.ends[k]) for curve in curves], dtype=np.int8)
-        added[f"{dim}_{name}"] = (dim, codes, "1", f"where {text} {name} as theta rises")
-    return added
+    """Add branches of onsets and recoveries over theta, and unstable intervals at the paper's friction."""
+    return with_branches(dataset, results.rig_of(dataset))
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
@@ -165,81 +92,43 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield "Over the plane", pd.DataFrame(rows.items(), columns=["quantity", "value"])
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Growth rate over the plane with the branches; below, frequency and number of unstable pairs."""
-    from matplotlib.colors import ListedColormap, LogNorm
+    from matplotlib.colors import ListedColormap
 
     if min(dataset.sizes["theta"], dataset.sizes["mu"]) == 1:
         return general.draw(dataset)
-    layout = [["growth", "growth"], ["frequency", "count"]]
+    layout, sides = [["growth", "growth"], ["frequency", "count"]], ("theta", "mu")
     figure, panels = figures.mosaic(layout, 17.0, 17.5, height_ratios=(1.45, 1.0))
     growth, count, last = dataset["growth_rate"], dataset["unstable_modes"], len(COUNTS) - 1
-    grows, _ = (planes.stable(panels[name], growth, "theta", "mu") for name in ("growth", "frequency"))
-    if bool((growth > 0.0).any()):
-        kilohertz = 1e-3 * dataset["frequency"].where(growth > 0.0)
+    grows, look = growth.where(growth > 0.0), dict[str, Any]()
+    if bool(grows.notnull().any()):
         largest, faintest = float(grows.max()), float(grows.min())
-        norm = LogNorm(max(min(faintest, 0.5 * largest), FAINTEST * largest), largest)
-        mesh = planes.cells(panels["growth"], grows, "theta", "mu", norm=norm)
-        figure.colorbar(mesh, ax=panels["growth"], pad=0.02, label="growth rate / (1/s)")
-        mesh = planes.cells(panels["frequency"], kilohertz, "theta", "mu")
-        figure.colorbar(mesh, ax=panels["frequency"], pad=0.02, label="frequency / kHz")
-    look: dict[str, Any] = {"cmap": ListedColormap(list(COUNTS)), "vmin": -0.5, "vmax": last + 0.5}
-    mesh = planes.cells(panels["count"], count.clip(max=last), "theta", "mu", **look)
-    bar = figure.colorbar(mesh, ax=panels["count"], pad=0.02, label="unstable pairs")
-    bar.set_ticks(range(last + 1), labels=[*map(str, range(last)), f"{last}{'+' * bool((count > last).any())}"])
-    handles = draw_branches(panels["growth"], dataset)
-    for k, axes in enumerate(panels.values()):
+        faintest = max(min(faintest, 0.5 * largest), FAINTEST * largest)
+        look = {"norm": "log", "vmin": faintest, "vmax": largest}
+    planes.numbers(panels["growth"], growth, *sides, "growth rate / (1/s)", growth <= 0.0, **look)
+    kilohertz = 1e-3 * dataset["frequency"].where(growth.notnull())
+    planes.numbers(panels["frequency"], kilohertz, *sides, "frequency / kHz", growth <= 0.0)
+    look = {"cmap": ListedColormap(list(COUNTS)), "vmin": -0.5, "vmax": last + 0.5}
+    mesh = planes.numbers(panels["count"], count.clip(max=last), *sides, "unstable pairs", **look)
+    if mesh.colorbar:
+        mesh.colorbar.set_ticks(
+            range(last + 1), labels=[*map(str, range(last)), f"{last}{'+' * bool((count > last).any())}"]
+        )
+    angles.onset_branches(panels["growth"], dataset)
+    for axes in panels.values():
         theta = np.linspace(*axes.get_xlim(), 500)
         bound = np.tan(np.radians(theta))
         bound[(bound < 0.0) | (bound > axes.get_ylim()[1])] = np.nan
         if np.isfinite(bound).any():
-            line = axes.plot(theta, bound, "--", color=figures.GREEN, label="tan θ = μ")
-            handles += [] if k else line
-    handles += draw_paper(panels["growth"]) if is_papers_rig(dataset) else []
-    if handles:
-        figure.legend(handles=handles, loc="outside lower center", ncols=3)
-    figures.letter(
-        panels.values(), ("growth of the least stable mode, and onsets", "its frequency", "unstable pairs")
-    )
+            axes.plot(theta, bound, "--", color=figures.GREEN, label="tan θ = μ")
+    if is_papers_rig(dataset):
+        angles.paper_plane(panels["growth"])
+    figures.legend_below(figure, [panels["growth"]], 3)
+    titles = "growth of the least stable mode, and onsets", "its frequency", "unstable pairs"
+    figures.letter(panels.values(), titles)
     figure.suptitle(f"Steady sliding, modes below {BAND / 1e3:g} kHz{rig_text(dataset)}")
     return figure
-
-
-def draw_branches(axes: Any, dataset: xr.Dataset) -> list[Any]:
-    """Each branch of onsets, and of recoveries, to its ends; handles of a legend."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patheffects import withStroke
-
-    number, handles = dataset["trace_branch"].values, list[Any]()
-    for (dim, (kind, _)), colour in zip(BRANCHES.items(), (figures.BLACK, figures.RED), strict=True):
-        for k, frequency in enumerate(dataset[f"{dim}_lowest_frequency"].values):
-            chosen = np.flatnonzero(number == len(handles))
-            look: dict[str, Any] = {"color": colour, "linestyle": STYLES[k % len(STYLES)], "linewidth": 1.4}
-            look |= {"marker": "." if len(chosen) == 1 else "", "label": f"{kind}, {frequency:.0f} Hz"}
-            places = dataset["trace_theta"].values[chosen], dataset["trace_mu"].values[chosen]
-            axes.plot(*places, path_effects=[withStroke(linewidth=2.8, foreground="white")], **look)
-            handles.append(Line2D([], [], **look))
-    return handles
-
-
-def draw_paper(axes: Any) -> list[Any]:
-    """The paper's onsets, and at its friction where the rig vibrates and where it slides steadily."""
-    look: dict[str, Any] = {"linestyle": "none", "markersize": 6.5, "markeredgewidth": 1.2, "zorder": 4.0}
-    onsets = [(paper.THETA, mu) for mu, _ in paper.ONSETS]
-    vibrates = [(theta, paper.MU) for theta in sorted(paper.ANGLES_MEASURED)]
-    white = look | {"marker": "D", "markerfacecolor": "white", "markeredgecolor": figures.ORANGE}
-    filled = look | {"marker": "^", "markerfacecolor": figures.ORANGE, "markeredgecolor": "black"}
-    handles = planes.marks(axes, onsets, label="paper: first unstable μ", **white)
-    handles += planes.marks(axes, vibrates, label="paper: vibrates (measured)", **filled)
-    slides = [(theta, paper.MU) for theta, frequency in paper.ANGLES.items() if np.isnan(frequency)]
-    blue: dict[str, Any] = {"color": figures.BLUE, "label": "paper: slides steadily (measured)"}
-    steady = planes.marks(axes, slides, marker="o", markeredgecolor="black", **look, **blue)
-    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    for start, end in np.clip(paper.STEADY_ANGLES, left, right):
-        if start < end and low <= paper.MU <= high:
-            line = axes.plot([start, end], [paper.MU] * 2, linewidth=2.0, zorder=3.5, **blue)
-            steady = steady or line
-    return handles + steady
 
 
 STUDY = Study(

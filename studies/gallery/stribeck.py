@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,9 +19,6 @@ from studies.motion.jobs import Job, outcomes
 from studies.motion.stability import largest_growth, sliding_of
 from studies.plotting import figures, general, planes
 from studies.study import Parameter, Study
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MOTION = (
     *("regime", "stick_fraction", "separation_fraction", "velocity_rms", "dominant_frequency", "motions"),
@@ -71,15 +68,9 @@ def mostly_falling(dataset: xr.Dataset) -> xr.DataArray:
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """Where falling friction decides, how much it adds, and what each kinetic ratio does."""
-    unstable, falling, kinds = (
-        dataset["growth_rate"] > 0.0,
-        mostly_falling(dataset),
-        dataset["status"].copy(data=regimes.kinds(dataset)),
-    )
-    vibrates, without = (
-        kinds.copy(data=regimes.is_of(kinds.values, *regimes.VIBRATING)),
-        dataset["growth_coupled"] > 0,
-    )
+    unstable, without = dataset["growth_rate"] > 0.0, dataset["growth_coupled"] > 0.0
+    falling, kinds = mostly_falling(dataset), dataset["status"].copy(data=regimes.kinds(dataset))
+    vibrates = kinds.copy(data=regimes.is_of(kinds.values, *regimes.VIBRATING))
     counts = [int(each.sum()) for each in (unstable, without, falling, vibrates, vibrates & ~without)]
     yield (
         f"Steady sliding is unstable at {counts[0]} of {kinds.size} points, and would be at {counts[1]} if"
@@ -90,49 +81,34 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     for ratio in dataset["kinetic_ratio"].values:
         at = {"kinetic_ratio": ratio}
         codes, growth = kinds.sel(at), dataset["growth_rate"].sel(at)
-        texts = [f"{regimes.KINDS[code]} {_range(dataset, codes == code)}" for code in np.unique(codes)]
-        rows.append((ratio, float(growth.max()), _range(dataset, falling.sel(at)), ", ".join(texts)))
+        texts = [f"{regimes.KINDS[code]} {regimes.span(dataset, codes == code, 'V')}" for code in np.unique(codes)]
+        rows.append((ratio, float(growth.max()), regimes.span(dataset, falling.sel(at), "V"), ", ".join(texts)))
     heads = ["kinetic ratio", "largest growth 1/s", "the fall has over half", "motion"]
     yield "By kinetic ratio; ranges are speeds in mm/s", pd.DataFrame(rows, columns=heads)
 
 
-def _range(dataset: xr.Dataset, chosen: xr.DataArray) -> str:
-    """The least and the greatest speed of the chosen points, mm/s."""
-    others = [dim for dim in chosen.dims if dim != "V"]
-    values = labels.readable(dataset["V"]).values[chosen.any(others).values]
-    return " to ".join(dict.fromkeys(map(labels.number, (values.min(), values.max())))) if len(values) else "-"
-
-
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Growth rate and regime over speed and kinetic ratio, and both shares along the speed."""
-    from matplotlib.colors import LogNorm
-
     growth, kinds = dataset["growth_rate"], dataset["status"].copy(data=regimes.kinds(dataset))
     if min(dataset.sizes["V"], dataset.sizes["kinetic_ratio"]) == 1 or not bool(growth.notnull().any()):
         return general.draw(dataset)
     figure, panels = figures.panels(3, 1, 16.0, 20.0, sharex=True, height_ratios=(1.0, 1.0, 1.3))
-    top, middle, below = panels
-    grows = planes.stable(top, growth, "V", "kinetic_ratio")
-    if bool(grows.notnull().any()):
-        largest = max(float(grows.max()), 10.0 * FAINTEST)
-        mesh = planes.cells(top, grows, "V", "kinetic_ratio", norm=LogNorm(FAINTEST, largest))
-        figure.colorbar(mesh, ax=top, pad=0.02, label="growth rate / (1/s)")
-    handles: list[Any] = [top.fill_between([], [], color=planes.STABLE, edgecolor="black", label="stable")]
-    inside = mostly_falling(dataset)
-    for axes in (top, middle) if 0.0 < float(inside.mean()) < 1.0 else ():
-        planes.outline(axes, inside, "V", "kinetic_ratio", colors="white", linewidths=3.0)
-        planes.outline(axes, inside, "V", "kinetic_ratio", colors="black", linewidths=1.5)
-    planes.regimes(middle, kinds, "V", "kinetic_ratio")
-    handles += below.plot([], [], color="black", linewidth=1.5, label="below: the fall has over half")
-    handles += planes.patches(kinds)
+    (top, middle, below), sides = panels, ("V", "kinetic_ratio")
+    scale: dict[str, Any] = {"norm": "log", "vmin": FAINTEST, "vmax": max(float(growth.max()), 10.0 * FAINTEST)}
+    planes.numbers(top, growth, *sides, "growth rate / (1/s)", growth <= 0.0, **scale)
+    planes.classes(middle, kinds, *sides)
+    for axes in (top, middle):
+        planes.outline(axes, mostly_falling(dataset), *sides)
+    below.plot([], [], color="black", linewidth=1.5, label="below: the fall has over half")
     chosen = planes.subset(dataset.sizes["kinetic_ratio"], len(COLOURS))[::-1]
     speeds = labels.readable(dataset["V"]).values
     for k, colour in zip(chosen, COLOURS, strict=False):
         at = dataset.isel(kinetic_ratio=k).transpose("V", ...)
-        text = labels.named("kinetic_ratio", at["kinetic_ratio"])
-        handles += below.plot(speeds, at["growth_rate"], color=colour, label=text)
+        below.plot(
+            speeds, at["growth_rate"], color=colour, label=labels.named("kinetic_ratio", at["kinetic_ratio"])
+        )
         below.plot(speeds, at["growth_coupled"], color=colour, linestyle=":")
-    handles += below.plot([], [], color="black", linestyle=":", label="share of coupled modes")
+    below.plot([], [], color="black", linestyle=":", label="share of coupled modes")
     below.axhline(0.0, color=figures.GREY, linewidth=0.8)
     least = min(float(dataset[name].min()) for name in ("growth_rate", "growth_coupled"))
     below.set_yscale("symlog", linthresh=100.0)
@@ -141,8 +117,8 @@ def draw(dataset: xr.Dataset) -> Figure:
         planes.set_side(axes, "x", dataset["V"])
         axes.label_outer()
     figures.letter(panels, ("growth rate of the least stable mode", "regime", "growth rate and its share"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=3)
-    where = ", ".join(labels.named(name, dataset[name]) for name in ("theta", "mu", "F", "decay_speed", "decay"))
+    figures.legend_below(figure, panels, 3)
+    where = figures.place(dataset, "theta", "mu", "F", "decay_speed", "decay")
     figure.suptitle(figures.fitted(f"Friction that falls with the speed: {where}", 16.0))
     return figure
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -16,9 +16,6 @@ from studies.declaring.labels import number
 from studies.declaring.parameters import RIG, SCENE, Parameter
 from studies.plotting import figures
 from studies.study import Study
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 OUTPUTS = {
     "frequency": ("Hz", "natural frequency, model"),
@@ -69,7 +66,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield "Frequencies / Hz", table.set_axis(["mode", "paper, computed", *columns], axis=1)
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Deviations from the paper's numerical column, whose frequencies are written at the modes."""
     figure, (axes,) = figures.panels(1, 1, 15.0, 9.0)
     mode, hertz = dataset["mode"].values, dataset["frequency_paper"].values

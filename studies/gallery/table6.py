@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from itertools import product
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from fivcore import Scene, Transient, checks, sliding_modes
+from fivcore import Scene, Transient, checks
 from studies import paper
 from studies.answering.claims import is_papers_point
 from studies.answering.results import rig_of
@@ -19,44 +17,16 @@ from studies.declaring import labels, spec
 from studies.declaring.parameters import Parameter
 from studies.motion import ensemble, regimes, stability
 from studies.motion.jobs import Job, outcomes
-from studies.motion.run import BAND, SUMMARY
-from studies.motion.series import runs_of_true
-from studies.plotting import figures, planes
+from studies.plotting import angles, figures, planes
 from studies.study import Claim, Study
 from sweeps import Axis, Variable
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-PAIRS = 8  # the paper's rig has two unstable ones at mu = 0.2 and at most four up to mu = 2
-AVERAGED = ("velocity_rms", "stick_fraction", "slip_fraction", "separation_fraction")
-KEPT = ("regime", "dominant_frequency", *AVERAGED)
 MOST_ROWS = 31  # of the table by inclination
-# Frequencies of the paper's text, by inclination, and their markers.
-PAPER: dict[str, tuple[Mapping[float, Any], str]] = {
-    "dominant, measured": (paper.ANGLES_MEASURED, "D"),
-    "dominant, simulated": (paper.ANGLES_SIMULATED, "x"),
-    "unstable pair": (paper.ANGLES_UNSTABLE, "^"),
-}
-
-
-def _of(name: str, whose: str, *dims: str) -> Variable:
-    return replace(SUMMARY[name], long_name=f"{SUMMARY[name].long_name}, {whose}", dims=dims)
-
-
 OUTPUTS = {
-    "unstable_modes": Variable("1", "number of unstable modes of steady sliding below 10 kHz", (), "int16"),
-    "frequency": Variable("Hz", "frequency of the unstable pair of steady sliding", ("pair",)),
-    "growth_rate": Variable("s-1", "growth rate of the unstable pair of steady sliding", ("pair",)),
+    **stability.UNSTABLE_PAIRS,
     **stability.LEAST_STABLE,
     "duration": Variable("s", "simulated time, mean of the realisations"),
-    "regime": replace(SUMMARY["regime"], long_name="regime of most realisations"),
-    "regime_share": Variable("1", "fraction of the realisations in the regime of most"),
-    "dominant_frequency": _of("dominant_frequency", "lower median of the vibrating realisations"),
-    **{name: _of(name, "mean of the realisations") for name in AVERAGED},
-    **{f"member_{name}": _of(name, "of one realisation", "member") for name in KEPT},
-    **{name: replace(each, scale="") for name, each in ensemble.motion_outputs().items()},
+    **ensemble.average_outputs(),
 }
 AT = {"theta": paper.THETA, "V": paper.ANGLES_SPEED}
 CLAIMS = (
@@ -73,43 +43,16 @@ def inclinations(scenes: Sequence[Scene], members: int, **run: Any) -> dict[str,
     """Unstable pairs of steady sliding, and the motion of an ensemble, at each inclination."""
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
-        rate, frequency = stability.least_stable(jobs[0].scene)
-        motion = averages(runs) | {"duration": np.mean([run.summary["simulated_time"] for run in runs])}
-        return unstable_pairs(jobs[0].scene) | {"mode_growth_rate": rate, "mode_frequency": frequency} | motion
+        scene, duration = jobs[0].scene, np.mean([run.summary["simulated_time"] for run in runs])
+        least = dict(zip(stability.LEAST_STABLE, stability.least_stable(scene), strict=True))
+        return stability.unstable_pairs(scene) | least | ensemble.averages(runs) | {"duration": duration}
 
     return outcomes([ensemble.ensemble(scene, members, run) for scene in scenes], values)
 
 
-def unstable_pairs(scene: Scene) -> dict[str, Any]:
-    """Number of the unstable pairs; frequency and growth rate of the least stable ones, ascending in frequency."""
-    modes = sliding_modes(scene.rig, scene.drive_theta, scene.mu, BAND, **stability.sliding_of(scene))
-    unstable = np.flatnonzero(modes.unstable)
-    least_stable = np.argsort(-modes.growth_rate[unstable], kind="stable")[:PAIRS]
-    chosen = np.sort(unstable[least_stable])  # modes ascend in frequency
-    frequency, growth = np.full((2, PAIRS), np.nan)
-    frequency[: len(chosen)], growth[: len(chosen)] = modes.frequency[chosen], modes.growth_rate[chosen]
-    return {"unstable_modes": len(unstable), "frequency": frequency, "growth_rate": growth}
-
-
-def averages(runs: Sequence[Transient]) -> dict[str, Any]:
-    """The motion of a scene's realisations: of each, and of all together."""
-    summaries = ensemble.summaries(runs)
-    one = {name: summaries[name] for name in KEPT}
-    vibrates = regimes.is_of(one["regime"], *regimes.VIBRATING)
-    one["dominant_frequency"] = np.where(vibrates, one["dominant_frequency"], np.nan)
-    most, counts = ensemble.majority(one["regime"])
-    together = {name: one[name].mean() for name in AVERAGED} | {
-        "regime": most,
-        "regime_share": counts[most] / len(runs),
-    }
-    together["dominant_frequency"] = ensemble.middle(one["dominant_frequency"])
-    apart = ensemble.motions(summaries, runs[0].scene.V)
-    return together | {f"member_{name}": values for name, values in one.items()} | apart
-
-
 def coords(members: int) -> dict[str, Axis]:
     """The pairs and the realisations, counted from 1."""
-    pair = Axis(np.arange(1, PAIRS + 1), "1", "unstable pair, ascending in frequency")
+    pair = Axis(np.arange(1, stability.PAIRS + 1), "1", "unstable pair, ascending in frequency")
     member = Axis(np.arange(1, members + 1), "1", "realisation, by the ramp of the drive")
     return {"pair": pair, "member": member} | ensemble.APART
 
@@ -125,27 +68,21 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
     return stability.with_unstable_intervals(dataset, rig_of(dataset), float(dataset["mu"]), float(dataset["V"]))
 
 
-def ranges(theta: Any, chosen: Any) -> str:
-    """The chosen inclinations as ranges of neighbours: "-10 to 0.5, 11 to 20 degrees"."""
-    texts = [" to ".join(f"{x:g}" for x in np.unique(theta[[a, b - 1]])) for a, b in runs_of_true(chosen)]
-    return f"{', '.join(texts)} degrees" if texts else "no inclination"
-
-
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """Stability and motion at each inclination, the unstable intervals, and what is unusual."""
     theta, unstable = dataset["theta"].values, dataset["unstable_modes"].values
     kinds = np.array(regimes.KINDS)[regimes.kinds(dataset)]
-    vibrates = ranges(theta, np.isin(kinds, regimes.VIBRATING))
-    yield f"Steady sliding is unstable at {ranges(theta, unstable > 0)}; the rig vibrates at {vibrates}."
+    vibrates = regimes.ranges(theta, np.isin(kinds, regimes.VIBRATING))
+    yield f"Steady sliding is unstable at {regimes.ranges(theta, unstable > 0)}; the rig vibrates at {vibrates}."
     papers = np.flatnonzero(np.isin(theta, [*paper.ANGLES_MEASURED, *paper.ANGLES])).tolist()
     rows = sorted({*planes.subset(len(theta), MOST_ROWS), *papers})
-    names = ("theta", "mode_growth_rate", "dominant_frequency", *AVERAGED[:2], AVERAGED[3], "regime_share")
-    table = labels.frame(dataset.isel(theta=rows), names, along="theta")
+    names = (
+        "theta mode_growth_rate dominant_frequency velocity_rms stick_fraction separation_fraction regime_share"
+    )
+    table = labels.frame(dataset.isel(theta=rows), names.split(), along="theta")
     table.columns = ["θ °", "growth 1/s", "dominant Hz", "RMS mm/s", "stick", "separation", "of realisations"]
-    pairs = [
-        ", ".join(f"{f:.0f}" for f in row[np.isfinite(row)]) or "-" for row in dataset["frequency"].values[rows]
-    ]
-    table.insert(1, "unstable Hz", pairs)
+    hertz = dataset["frequency"].values[rows]
+    table.insert(1, "unstable Hz", [", ".join(f"{f:.0f}" for f in row[np.isfinite(row)]) or "-" for row in hertz])
     table.insert(7, "regime", kinds[rows])
     yield f"By inclination{planes.of_all(rows, len(theta))}; growth of the least stable mode", table
     yield from stability.intervals_summary(dataset, float(dataset["mu"]))
@@ -153,87 +90,53 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     counts = pd.crosstab(motion.ravel(), np.repeat(unstable, motion.shape[1]), colnames=["unstable modes"])
     counts = counts.rename(columns="{:g}".format).rename_axis("regime").reset_index()
     yield "Realisations by regime and number of unstable modes", counts
-    inside = (dataset["window_from"] <= dataset["theta"]) & (dataset["theta"] <= dataset["window_to"])
+    inside = ((dataset["window_from"] <= dataset["theta"]) & (dataset["theta"] <= dataset["window_to"])).sum(
+        "window"
+    )
     most = float(dataset["max_duration"])
     cases = {
-        "A mode is unstable outside of the unstable intervals": (len(theta) > 1)
-        & (unstable > inside.sum("window").values),
-        f"More than {PAIRS} modes are unstable, and the least stable are kept": unstable > PAIRS,
+        "A mode is unstable outside of the unstable intervals": (len(theta) > 1) & (unstable > inside.values),
+        f"More than {stability.PAIRS} modes are unstable, and the least stable are kept": unstable
+        > stability.PAIRS,
         "The realisations differ in regime": dataset["regime_share"].values < 1.0,
         f"The longest simulated time, {most:g} s, ended the runs": dataset["duration"].values >= most,
     }
-    yield from (f"{case}: {ranges(theta, where)}." for case, where in cases.items() if where.any())
+    yield from (f"{case}: {regimes.ranges(theta, where)}." for case, where in cases.items() if where.any())
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Frequencies, growth rates and fractions of time; unstable intervals, regimes and the paper's text."""
     theta, bounds = dataset["theta"].values, np.stack([dataset["window_from"], dataset["window_to"]], axis=1)
     papers = is_papers_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED)
     heights = (3.0, 2.6, 1.4, 1.5 + 0.3 * len(bounds))
     figure, panels = figures.panels(4, 1, 17.0, 18.0 + 0.6 * len(bounds), sharex=True, height_ratios=heights)
     lines, growth, fractions, strips = panels
-    for axes, (low, high) in product((lines, growth), bounds):
-        axes.axvspan(low, high, color=figures.BLACK, alpha=0.06, linewidth=0.0, zorder=0.5)
-    theta_of_pairs, theta_of_members = (np.repeat(theta, dataset.sizes[dim]) for dim in ("pair", "member"))
-    oscillates = 1e-3 * dataset["frequency"].where(dataset["frequency"] > 0.0)
-    points(lines, theta_of_pairs, oscillates, "unstable pair", markersize=3.0)
+    for axes in (lines, growth):
+        figures.spans(axes, bounds, color=figures.BLACK, alpha=0.06, zorder=0.5)
+    angles.points(lines, 1e-3 * dataset["frequency"].where(dataset["frequency"] > 0.0), "unstable pair")
     dominant = 1e-3 * dataset["member_dominant_frequency"]
-    points(lines, theta_of_members, dominant, "dominant, of each realisation", markersize=3.0, color=figures.BLUE)
-    look = {"markerfacecolor": "none", "color": figures.RED, "markersize": 7.0, "zorder": 4.0}
-    for text, (of, marker) in PAPER.items() if papers else ():
-        marked = np.array([(x, 1e-3 * f) for x in of if x in theta for f in np.ravel(of[x])]).reshape(-1, 2)
-        points(lines, marked[:, 0], marked[:, 1], f"paper: {text}", marker=marker, **look)
+    angles.points(lines, dominant, "dominant, of each realisation", color=figures.BLUE)
+    if papers:
+        angles.paper_frequencies(lines, theta)
     lines.set(yscale="log", ylabel="frequency / kHz")
     figures.one_two_five(lines.yaxis)
     growth.axhline(0.0, color=figures.BLACK, linewidth=0.6)
-    points(growth, theta_of_pairs, dataset["growth_rate"], "unstable pair", markersize=3.0)
+    angles.points(growth, dataset["growth_rate"], "unstable pair")
     decays = dataset["mode_growth_rate"].where(~(dataset["mode_growth_rate"] > 0.0))
-    points(growth, theta, decays, "least stable mode, where it decays", color=figures.GREEN, markersize=3.0)
+    angles.points(growth, decays, "least stable mode, where it decays", color=figures.GREEN)
     growth.margins(y=0.15)
     growth.set_ylabel("growth rate / (1/s)")
-    edges, below = spec.edges(theta), np.zeros(len(theta))
-    cells: dict[str, Any] = {"x": edges[:-1], "width": np.diff(edges), "align": "edge"}
-    for state, colour in planes.STATE_COLOURS.items():
-        part = np.nan_to_num(dataset[f"{state}_fraction"].values)
-        fractions.bar(height=part, bottom=below, color=colour, label=state, **cells)
-        below += part
+    parts = {state: dataset[f"{state}_fraction"].values for state in planes.STATE_COLOURS}
+    planes.stack(fractions, spec.edges(theta), parts, [*planes.STATE_COLOURS.values()])
     planes.draw_mixed(fractions, dataset, "theta", "stick_fraction")
     fractions.set(ylim=(0.0, 1.0), ylabel="fraction\nof time")
-    kinds, below = regimes.kinds(dataset)[:, None], np.zeros(len(theta))
-    codes = np.where(kinds < planes.FAILED, dataset["member_regime"].values, kinds).astype(int)
-    for code in np.unique(codes):
-        share = 0.8 * (codes == code).mean(axis=1)
-        strips.bar(height=share, bottom=below, color=planes.COLOURS[code], label=regimes.KINDS[code], **cells)
-        below += share
-    if papers:
-        steady = np.any([(low < theta) & (theta < high) for low, high in paper.STEADY_ANGLES], axis=0)
-        bars: dict[str, Any] = {"bottom": -1.0, "linewidth": 0.0, "edgecolor": figures.GREY, **cells}
-        strips.bar(height=0.8 * steady, color=planes.COLOURS[regimes.KINDS.index(regimes.STEADY)], **bars)
-        vibrates = 0.8 * np.isin(theta, [*paper.ANGLES_MEASURED])
-        strips.bar(height=vibrates, facecolor="white", hatch="//////", label="paper: vibrates", **bars)
-    for k, (low, high) in enumerate(bounds):
-        less, more = "< " * bool(low <= theta[0]), "> " * bool(high >= theta[-1])
-        place, text = (0.5 * (low + high), 1.25 + 0.5 * k), f"{less}{low:.2f}° to {more}{high:.2f}°"
-        strips.barh(place[1], high - low, 0.4, left=low, color="white", edgecolor=figures.GREY)
-        hertz = f"{float(dataset['window_peak_frequency'][k]):.0f} Hz"
-        strips.annotate(f"{text}, {hertz}", place, ha="center", va="center_baseline", fontsize=8.0)
-    top = 1.0 + 0.5 * max(len(bounds), 1)
-    strips.set_yticks([-0.6, 0.4, 0.5 * (1.0 + top)], ["paper's text", "realisations", "unstable"])
-    strips.grid(False)
+    angles.regime_strips(strips, dataset, papers)
     for axes in panels:
         if axes.get_legend_handles_labels()[0]:
             axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
-    strips.axis((edges[0], edges[-1], -1.1 if papers else -0.1, top))
-    strips.set_xlabel(labels.label(dataset["theta"]))
-    where = ", ".join(labels.named(name, dataset[name]) for name in ("V", "mu", "F"))
-    figure.suptitle(f"Stability and motion over the inclination, {where}\n{regimes.damping_text(dataset)}")
+    title = f"Stability and motion over the inclination, {figures.place(dataset, 'V', 'mu', 'F')}"
+    figure.suptitle(f"{title}\n{regimes.damping_text(dataset)}")
     return figure
-
-
-def points(axes: Axes, x: Any, y: Any, text: str, **look: Any) -> None:
-    """Markers, with an entry in the legend if any value is finite."""
-    if np.isfinite(y).any():
-        axes.plot(x, np.ravel(y), **{"linestyle": "", "marker": "o", "color": figures.BLACK} | look, label=text)
 
 
 STUDY = Study(

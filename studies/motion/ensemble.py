@@ -15,6 +15,7 @@ from studies.declaring.parameters import RUN, Parameter
 from studies.motion import mixed
 from studies.motion import run as runs
 from studies.motion.jobs import Job
+from studies.motion.regimes import VIBRATING, is_of
 from sweeps import Axis, Variable
 
 # A point's value is the largest of its realisations; of a frequency the middle one, for the mean of two spectral
@@ -30,6 +31,9 @@ QUANTITIES = tuple(name for name in runs.SUMMARY if name != "regime")
 # Quantities whose standard deviation over realisations is stored too.
 SPREAD = ("stick_fraction", "velocity_rms", "dominant_frequency", "normal_force_999")
 MOST_MEMBERS = 1000
+# What `averages` keeps.
+AVERAGED = ("velocity_rms", "stick_fraction", "slip_fraction", "separation_fraction")
+KEPT = ("regime", "dominant_frequency", *AVERAGED)
 # Places for the different motions of realisations, and the regime of a place without one.
 NONE = -1
 APART = {"motion": Axis(np.arange(1, mixed.MOST + 1), "1", "motion, that of most realisations first")}
@@ -235,3 +239,33 @@ def middle(values: NDArray[Any]) -> float:
     """The lower median of the finite values: one of them, for half-way between two spectral peaks lies none."""
     ordered = np.sort(values[np.isfinite(values)])
     return float(ordered[(len(ordered) - 1) // 2]) if len(ordered) else float("nan")
+
+
+def average_outputs() -> dict[str, Variable]:
+    """Variables of `averages`; of scenes as they are."""
+
+    def of(name: str, how: str, *dims: str) -> Variable:
+        return replace(runs.SUMMARY[name], long_name=f"{runs.SUMMARY[name].long_name}, {how}", dims=dims)
+
+    return {
+        "regime": replace(runs.SUMMARY["regime"], long_name="regime of most realisations"),
+        "regime_share": Variable("1", "fraction of the realisations in the regime of most"),
+        "dominant_frequency": of("dominant_frequency", "lower median of the vibrating realisations"),
+        **{name: of(name, "mean of the realisations") for name in AVERAGED},
+        **{f"member_{name}": of(name, "of one realisation", "member") for name in KEPT},
+        **{name: replace(each, scale="") for name, each in motion_outputs().items()},
+    }
+
+
+def averages(results: Sequence[Transient]) -> dict[str, Any]:
+    """The motion of a scene's realisations: of each, and of all together."""
+    found = summaries(results)
+    one = {name: found[name] for name in KEPT}
+    vibrates = is_of(one["regime"], *VIBRATING)
+    one["dominant_frequency"] = np.where(vibrates, one["dominant_frequency"], np.nan)
+    most, counts = majority(one["regime"])
+    together = {name: one[name].mean() for name in AVERAGED}
+    together |= {"regime": most, "regime_share": counts[most] / len(results)}
+    together["dominant_frequency"] = middle(one["dominant_frequency"])
+    own = {f"member_{name}": values for name, values in one.items()}
+    return together | own | motions(found, results[0].scene.V)

@@ -1,4 +1,4 @@
-"""One parameter followed up and down, each motion from the end of the last."""
+"""One parameter followed up and down: each motion begins as the last one ends."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 import xarray as xr
 from scipy.signal import find_peaks
 
-from fivcore import Scene, State, Transient, checks, equilibrium, full_model, loading_time
+from fivcore import Scene, SceneError, State, Transient, checks, full_model, loading_time
 from studies.declaring.parameters import FRICTION, RIG, RUN, SCENE
 from studies.declaring.spec import edges
 from studies.motion import ensemble, regimes, starts
 from studies.motion import run as runs
-from studies.motion.jobs import Job, balanced, run_all, stacked
+from studies.motion.jobs import Job, run_one, stacked
 from studies.motion.stability import linear_stability
 from sweeps import Axis, InputError, Variable
 
@@ -26,10 +26,6 @@ EXTREMA, WINDOW = 48, 0.04
 SPEEDS = 8
 KEPT = ("stick_fraction", "separation_fraction", "velocity_rms", "dominant_frequency")
 ALONG = ("followed", "direction")
-COORDS = {
-    "direction": Axis(np.array(DIRECTIONS), long_name="direction in which the parameter changes"),
-    "number": Axis(np.arange(1, EXTREMA + 1), "1", "number of an extremum"),
-}
 # Parameters that can be followed: those with numbers, but for the elements.
 FOLLOWED = tuple(n for n in (*SCENE, *FRICTION, *RIG) if n != "decay" and not n.endswith("elements"))
 OUTPUTS: dict[str, Any] = {
@@ -46,18 +42,22 @@ def follow(
     chains: Sequence[tuple[Scene, ...]], member: Any, hold: float, knock: float = 0.0, **run: Any
 ) -> dict[str, Any]:
     """The motion at each value of the parameter, up and down, of each point."""
-    numbers = np.broadcast_to(member, len(chains)).tolist()
-    return stacked([loop(chain, n, hold, knock, run) for chain, n in zip(chains, numbers, strict=True)])
+    found: list[Any] = []
+    for chain, number in zip(chains, np.broadcast_to(member, len(chains)).tolist(), strict=True):
+        try:
+            found.append(loop(chain, number, hold, knock, run))
+        except SceneError as error:
+            found.append(error)
+    return stacked(found)
 
 
-def loop(chain: Sequence[Scene], number: float, hold: float, knock: float, run: dict[str, Any]) -> Any:
-    """Outputs of one realisation, or the error of the first scene that has none."""
+def loop(chain: Sequence[Scene], number: float, hold: float, knock: float, run: dict[str, Any]) -> dict[str, Any]:
+    """Outputs of one realisation."""
     sense, settling = np.sign(chain[0].V), runs.SETTLING * chain[0].rig.time_scale
     chain = [scene if scene.V > 0.0 else scene.mirrored() for scene in chain]
-    values: dict[str, Any] = {
-        name: np.full((len(chain), 2), np.nan) for name in ("regime", *KEPT, "mapping_error")
-    }
-    values["extremum"] = np.full((len(chain), 2, EXTREMA), np.nan)
+    shape = len(chain), 2
+    values: dict[str, Any] = {name: np.full(shape, np.nan) for name in ("regime", *KEPT, "mapping_error")}
+    values["extremum"] = np.full((*shape, EXTREMA), np.nan)
     run = run | {"ramp": run["ramp"] * (1.0 + ensemble.STRETCH * (number - 1.0))}
     state, before = None, chain[0]
     for place, way in [(k, 0) for k in range(len(chain))] + [(k, 1) for k in reversed(range(len(chain)))]:
@@ -66,29 +66,21 @@ def loop(chain: Sequence[Scene], number: float, hold: float, knock: float, run: 
             loading = 0.5 * run["ramp"] + loading_time(scene)
             job = runs.job(scene, loading + settling + hold, run)
             if knock:
-                q, (_, v) = equilibrium(scene), starts.directions(scene, ["knock"])[0]
-                job = runs.job(scene, settling + hold, run, initial=State.of(scene, q, knock * v))
+                job = runs.job(scene, settling + hold, run, initial=starts.knocked(scene, knock)[0])
         else:
             # A change of V is a jump of the slip rate, which knocks a vibration: it is made in small ones.
             for speed in np.linspace(before.V, scene.V, SPEEDS + 1)[1:-1] if scene.V != before.V else ():
                 between = replace(scene, V=float(speed))
                 state, before = mapped(state, before, between)[0], between
-                (moved,) = run_all([runs.job(between, hold / SPEEDS, run, initial=state)])
-                if isinstance(moved, Exception):
-                    return moved
+                moved = run_one(runs.job(between, hold / SPEEDS, run, initial=state), balance=False)
                 state = moved.final_state or state
             state, error = mapped(state, before, scene)
             job = runs.job(scene, settling + hold, run | {"settle": settling}, initial=state)
-        motion = balanced(job, run_all([job])[0])
-        end = motion if isinstance(motion, Exception) else run_all([tail(job, motion)])[0]
-        if isinstance(end, Exception):
-            return end
-        assert isinstance(motion, Transient)
-        summary = runs.summary_of(motion)
-        for name in ("regime", *KEPT):
-            values[name][place, way] = summary[name]
-        values["extremum"][place, way] = sense * extrema(end.velocity_B)
-        values["mapping_error"][place, way] = error
+        motion = run_one(job)
+        end = run_one(tail(job, motion), balance=False)
+        found = runs.summary_of(motion) | {"extremum": sense * extrema(end.velocity_B), "mapping_error": error}
+        for name, value in values.items():
+            value[place, way] = found[name]
         state, before = end.final_state, scene
     stability = [linear_stability(scene, run["cutoff"], run["numerical_damping"]) for scene in chain]
     growth = {name: [each[name] for each in stability] for name in ("growth_rate", "model_growth_rate")}
@@ -125,6 +117,12 @@ def extrema(velocity: Any) -> Any:
     places = np.sort(np.concatenate([find_peaks(velocity)[0], find_peaks(-velocity)[0]]))
     chosen = places[np.unique(np.linspace(0, len(places) - 1, EXTREMA).astype(int))] if len(places) else places
     return np.pad(velocity[chosen], (0, EXTREMA - len(chosen)), constant_values=np.nan)
+
+
+COORDS = {
+    "direction": Axis(np.array(DIRECTIONS), long_name="direction in which the parameter changes"),
+    "number": Axis(np.arange(1, EXTREMA + 1), "1", "number of an extremum"),
+}
 
 
 def check(hold: Any, V: Any, F: Any, member: Any, **others: Any) -> None:

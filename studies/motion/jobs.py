@@ -48,6 +48,15 @@ def balanced(job: Job, result: Transient | SceneError) -> Transient | SceneError
     return located(BalanceError(f"{text} {BALANCE[method]:g} counts; simulate the scene with {other}"), job.scene)
 
 
+def run_one(job: Job, *, balance: bool = True) -> Transient:
+    """Run a job, or raise its `SceneError`; by default also that of a run whose energy does not add up."""
+    (result,) = run_all([job])
+    result = balanced(job, result) if balance else result
+    if isinstance(result, SceneError):
+        raise result
+    return result
+
+
 def stacked(found: Sequence[Any]) -> dict[str, Any]:
     """Values of each point as arrays, with the `error` of those that are one; if all are, the first raises."""
     errors = [each if isinstance(each, Exception) else None for each in found]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fivcore import Scene, State, checks, equilibrium
+from fivcore import Scene, checks
 from studies.declaring.parameters import Parameter
 from studies.motion import regimes, starts
 from studies.motion.jobs import each_scene
@@ -49,11 +49,10 @@ def threshold(scene: Scene, largest_knock: float, resolution: float, options: di
     stability = linear_stability(scene, options["cutoff"], options["numerical_damping"])
     if np.fmax(stability["growth_rate"], stability["model_growth_rate"]) > 0.0:
         return nothing
-    q, (_, v) = equilibrium(scene), starts.directions(scene, ["knock"])[0]
     tried = scene.F * largest_knock * SCAN
 
     def vibrate(knocks: NDArray[np.float64]) -> NDArray[np.bool_]:
-        labels = starts.labels_of(scene, [State.of(scene, q, knock * v) for knock in knocks], options)
+        labels = starts.labels_of(scene, starts.knocked(scene, *knocks), options)
         return regimes.is_of(labels, *regimes.VIBRATING)
 
     def search(factor: float) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from studies.declaring import labels
 from studies.declaring.parameters import RIG
 from studies.motion.run import REGIMES
+from studies.motion.series import runs_of_true
 from sweeps import DONE, FAILED
 
 # What a point of a result can be: in a regime, or without one.
@@ -43,6 +44,18 @@ def dominant_frequency(dataset: xr.Dataset) -> xr.DataArray:
     """Dominant frequency, Hz; NaN for points that do not vibrate, where it is that of a vibration that dies."""
     frequency: xr.DataArray = dataset["dominant_frequency"]
     return frequency.where(is_of(dataset["regime"].values, *VIBRATING))
+
+
+def span(dataset: xr.Dataset, chosen: xr.DataArray, name: str) -> str:
+    """The least and the greatest value of a parameter at the chosen points, in a reader's unit: "1 to 5"."""
+    values = labels.readable(dataset[name]).values[chosen.any([dim for dim in chosen.dims if dim != name]).values]
+    return " to ".join(dict.fromkeys(map(labels.number, (values.min(), values.max())))) if len(values) else "-"
+
+
+def ranges(values: NDArray[Any], chosen: NDArray[np.bool_]) -> str:
+    """The chosen inclinations as ranges of neighbours: "-10 to 0.5, 11 to 20 degrees"."""
+    texts = [" to ".join(f"{x:g}" for x in np.unique(values[[a, b - 1]])) for a, b in runs_of_true(chosen)]
+    return f"{', '.join(texts)} degrees" if texts else "no inclination"
 
 
 def damping_text(dataset: xr.Dataset) -> str:

@@ -24,10 +24,21 @@ Array = NDArray[Any]
 # times the size that those of a band have.
 FAR = 5.0
 
-# Variables of a scene's least stable mode.
+# Variables of the modes of steady sliding, and of a scene's least stable one.
+MODES = {
+    "frequency": ("Hz", "frequency of the sliding mode", "mode"),
+    "growth_rate": ("s-1", "growth rate of the sliding mode", "mode"),
+}
 LEAST_STABLE = {
     "mode_growth_rate": Variable("s-1", "growth rate of the least stable mode of steady sliding below 10 kHz"),
     "mode_frequency": Variable("Hz", "frequency of the least stable mode of steady sliding below 10 kHz"),
+}
+# Variables of so many unstable pairs of a scene: the paper's rig has two at mu = 0.2, at most four up to mu = 2.
+PAIRS = 8
+UNSTABLE_PAIRS = {
+    "unstable_modes": Variable("1", "number of unstable modes of steady sliding below 10 kHz", (), "int16"),
+    "frequency": Variable("Hz", "frequency of the unstable pair of steady sliding", ("pair",)),
+    "growth_rate": Variable("s-1", "growth rate of the unstable pair of steady sliding", ("pair",)),
 }
 # How an interval ends: its pair becomes stable, leaves the band or oscillates no more; or the range ends.
 ENDS = ("pair restabilises", "end of the range")
@@ -102,6 +113,17 @@ def least_stable(scene: Scene) -> tuple[float, float]:
     """Growth rate (1/s) and frequency (Hz) of the least stable mode of steady sliding below 10 kHz."""
     growth, frequency, _ = largest_growth(scene.rig, scene.drive_theta, scene.mu, **sliding_of(scene))
     return float(growth), float(frequency)
+
+
+def unstable_pairs(scene: Scene) -> dict[str, Any]:
+    """Number of the unstable pairs; frequency and growth rate of the least stable ones, ascending in frequency."""
+    modes = sliding_modes(scene.rig, scene.drive_theta, scene.mu, BAND, **sliding_of(scene))
+    unstable = np.flatnonzero(modes.unstable)
+    least_stable = np.argsort(-modes.growth_rate[unstable], kind="stable")[:PAIRS]
+    chosen = np.sort(unstable[least_stable])  # modes ascend in frequency
+    frequency, growth = np.full((2, PAIRS), np.nan)
+    frequency[: len(chosen)], growth[: len(chosen)] = modes.frequency[chosen], modes.growth_rate[chosen]
+    return {"unstable_modes": len(unstable), "frequency": frequency, "growth_rate": growth}
 
 
 def linear_stability(scene: Scene, cutoff: float | None, numerical_damping: str) -> dict[str, Any]:

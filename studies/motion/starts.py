@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fivcore
-from fivcore import InputError, Scene, SceneError, State, Structure, checks, sliding_modes, sliding_shape
+from fivcore import InputError, Scene, State, Structure, checks, sliding_modes, sliding_shape
 from studies.declaring.parameters import RUN, Parameter
 from studies.motion import run as runs
-from studies.motion.jobs import balanced, run_all
+from studies.motion.jobs import run_one
 
 Array = NDArray[np.float64]
 
@@ -63,6 +63,12 @@ def directions(scene: Scene, names: Sequence[str], mode: int = 0, second_mode: i
     return made
 
 
+def knocked(scene: Scene, *impulses: float) -> list[State]:
+    """Steady sliding at the moment after each impulse on P1, N s."""
+    q, (_, v) = fivcore.equilibrium(scene), directions(scene, ["knock"])[0]
+    return [State.of(scene, q, impulse * v) for impulse in impulses]
+
+
 def _mode(scene: Scene, own: Structure, number: int, name: str) -> tuple[complex, Any]:
     """Exponent and modal shape of a mode of steady sliding, in which B moves by 1."""
     law: dict[str, Any] = {"friction": scene.friction, "V": scene.V, "F": scene.F}
@@ -83,14 +89,8 @@ def labels_of(scene: Scene, states: Sequence[State], options: Mapping[str, Any])
     """The regime to which each state leads, an index in `run.REGIMES`; `options` are those of SETTINGS."""
     duration = options["duration"] or DURATION * scene.rig.time_scale
     how = {"ramp": RUN["ramp"].default, "skip_long_sticks": 1, "settle": 0.5 * duration, **options}
-    jobs = [runs.job(scene, duration, how, step=options["step"], initial=state) for state in states]
-    labels = np.empty(len(jobs), dtype=np.int8)
-    for k, (job, run) in enumerate(zip(jobs, run_all(jobs), strict=True)):
-        result = balanced(job, run)
-        if isinstance(result, SceneError):
-            raise result
-        labels[k] = runs.REGIMES.index(result.summary["regime"])
-    return labels
+    jobs = (runs.job(scene, duration, how, step=options["step"], initial=state) for state in states)
+    return np.array([runs.REGIMES.index(run_one(job).summary["regime"]) for job in jobs], dtype=np.int8)
 
 
 def check(V: Any, F: Any, duration: Any, step: Any, cutoff: Any, numerical_damping: Any) -> None:

@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore import LONG_SHARE
+from fivcore import LONG_SHARE, Scene, loading_time
 from studies import paper
+from studies.declaring import labels
+from studies.motion.run import SETTLING
+from sweeps import Variable
 
 # Kinds of sticks, by when they begin: before or after the motion has settled.
 KINDS = ("start_up", "sustained")
@@ -26,18 +29,45 @@ ENDS = {"": "", "_low": "lower end of the 95 % interval: ", "_high": "upper end 
 # Dimensions beyond mu and F, units and meaning of the derived variables; the first INTERVALS have an interval.
 DERIVED: dict[str, tuple[tuple[str, ...], str, str]] = {
     "mean_stick_time": (("kind", "V"), "s", "mean duration of the long sticks"),
-    "local_exponent": (
-        ("kind", "V"),
-        "1",
-        "exponent of the mean stick time over V, from a speed and its neighbours",
-    ),
+    "local_exponent": (("kind", "V"), "1",
+                       "exponent of the mean stick time over V, from a speed and its neighbours"),
     "exponent": (("law",), "1", "exponent of the mean stick time over V"),
     "start_up_ratio": ((), "1", "mean start-up stick at 2 mm/s over that at 1 mm/s"),
     "sustained_ratio": ((), "1", "mean sustained stick at 2 mm/s over that at 1 mm/s"),
     "sustained_share": (("V",), "1", "fraction of time after settling in the long sticks begun after it"),
     "intermittence_end": ((), "m s-1", "speed above which sustained sticks fill less than a tenth of the time"),
-}
+}  # fmt: skip
 INTERVALS = 5
+# So many sticks of a run are stored one by one; its counts and totals are of all.
+KEPT = 64
+OUTPUTS = {
+    "stick_time": Variable("s", "duration of each long stick, start-up first", ("stick",), "float32", digits=4),
+    "start_up_count": Variable("1", "number of long sticks begun before settling", (), "int32"),
+    "start_up_total": Variable("s", "time in long sticks begun before settling", (), "float32"),
+    "sustained_count": Variable("1", "number of long sticks begun after settling", (), "int32"),
+    "sustained_total": Variable("s", "time in long sticks begun after settling", (), "float32"),
+    "observed_time": Variable("s", "time simulated after settling", (), "float32"),
+    "first_slip_time": Variable("s", "time of the first slip, the end of the first stick", (), "float32"),
+    "loading_time": Variable("s", "static stick time t0 = mu F / (k_t V)", (), "float32"),
+}
+# Of fewer sticks a realisation no mean is drawn.
+LEAST_STICKS = 1.25
+
+
+def of_sticks(scene: Scene, run: Any) -> dict[str, Any]:
+    """A run's long sticks, by whether the motion had settled when they began."""
+    first, long = run["first_slip_time"], run["stick_times"]
+    early = run["stick_starts"] - first < SETTLING
+    return {
+        "stick_time": np.append(long, np.full(KEPT, np.nan))[:KEPT],
+        "start_up_count": np.count_nonzero(early),
+        "start_up_total": long[early].sum(),
+        "sustained_count": np.count_nonzero(~early),
+        "sustained_total": long[~early].sum(),
+        "observed_time": np.fmax(run["simulated_time"] - first - SETTLING, 0.0),
+        "first_slip_time": first,
+        "loading_time": loading_time(scene),
+    }
 
 
 def with_laws(dataset: xr.Dataset) -> xr.Dataset:
@@ -135,3 +165,28 @@ def crossing(V: Any, share: Any, level: float) -> float:
         return float("nan")
     k = int(above[-1])
     return float(V[k] + (share[k] - level) / (share[k] - share[k + 1]) * (V[k + 1] - V[k]))
+
+
+def means(at: xr.Dataset, kind: str) -> np.ndarray:
+    """Mean stick times and the ends of their intervals, (3, V), s; NaN where sticks are few."""
+    values = np.stack([at[f"mean_stick_time{end}"].sel(kind=kind).values for end in ("", "_low", "_high")])
+    enough = at[f"{kind}_count"].sum("member").values >= LEAST_STICKS * at.sizes["member"]
+    return np.where(enough, values, np.nan)
+
+
+def at_paper(dataset: xr.Dataset) -> xr.Dataset:
+    """The part at the coefficient of friction and the load nearest to the paper's."""
+    return dataset.sel(mu=paper.MU, F=paper.LOAD, method="nearest")
+
+
+def with_ends(at: xr.Dataset, name: str, factor: float = 1.0) -> str:
+    """A value with its interval; a dash where it is missing."""
+    value, low, high = (labels.number(factor * float(at[f"{name}{end}"])) for end in ("", "_low", "_high"))
+    return value if value == "-" else f"{value} ({low} to {high})"
+
+
+def lasting(at: xr.Dataset) -> dict[float, Any]:
+    """T V of the sustained sticks, um, by speeds with enough of them."""
+    times = at["stick_time"].where(at["stick"] > at["start_up_count"]).transpose("V", ...)
+    found = {float(of["V"]): (1e6 * float(of["V"]) * of.values)[np.isfinite(of.values)] for of in times}
+    return {V: values for V, values in found.items() if len(values) >= LEAST_STICKS * at.sizes["member"]}

@@ -6,7 +6,7 @@ Matplotlib is imported when something is drawn: workers and `fiv --help` never n
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
 from io import BytesIO
@@ -16,11 +16,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.declaring import labels
+
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.axes import Axes
+    from matplotlib.axes import Axes as Axes
     from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as Figure
 
 Array = NDArray[Any]
 
@@ -29,6 +31,9 @@ MANY_DECADES = 200.0
 # Okabe and Ito's palette; distinct in grey by lightness and by the markers used with it.
 BLACK, GREY = "#000000", "#7f7f7f"
 BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
+COLOURS = (BLUE, BLACK, ORANGE, GREEN, RED)
+# Of a parameter that is followed up and down.
+WAYS = {"up": (GREEN, "^"), "down": (RED, "v")}
 
 STYLE: Any = {
     "font.size": 9.0,
@@ -171,6 +176,47 @@ def fitted(title: str, width: float) -> str:
     whole = re.sub(r" = [^\s,]+(?: [^\s,=]+)?", lambda found: found[0].replace(" ", "\N{NO-BREAK SPACE}"), title)
     broken = "\n".join(fill(line, int(LETTERS * width)) for line in whole.splitlines())
     return broken.replace("\N{NO-BREAK SPACE}", " ")
+
+
+def place(dataset: xr.Dataset, *names: str) -> str:
+    """Those parameters that have one value: "θ = 5, μ = 0.2"."""
+    return ", ".join(labels.named(name, dataset[name]) for name in names
+                     if name in dataset.coords and not dataset[name].ndim)  # fmt: skip
+
+
+def curve(axes: Axes, x: Any, y: Any, error: Any = None, ends: Any = None, **look: Any) -> None:
+    """A quantity along a parameter, with its errors, or the ends of its interval, where they are known.
+
+    Nothing without values, so that a legend names what is drawn.
+    """
+    y = np.asarray(y, dtype=float)
+    if np.isfinite(y).any():
+        error = np.abs(np.asarray(ends) - y) if ends is not None else error
+        bars = None if error is None else np.nan_to_num(np.asarray(error))
+        axes.errorbar(x, y, bars, **{"markersize": 4.0, "linewidth": 0.8, "capsize": 2.0} | look)
+
+
+def distributions(axes: Axes, samples: Mapping[str, Any]) -> None:
+    """The fraction of each sample below a value."""
+    for (label, values), colour, style in zip(samples.items(), COLOURS, ("-", "--", "-.", ":"), strict=False):
+        axes.ecdf(values, color=colour, linestyle=style, label=label)
+    axes.set_ylim(0.0, 1.02)
+    if samples:
+        axes.set_xlim(left=0.0)
+        axes.legend(loc="upper left")
+
+
+def spans(axes: Axes, intervals: Iterable[Any], label: str = "", **look: Any) -> None:
+    """Shade intervals of the parameter across; of an empty one nothing."""
+    for ends in intervals:
+        if len(ends):
+            options: dict[str, Any] = {
+                "color": GREY,
+                "alpha": 0.2,
+                "linewidth": 0.0,
+                "label": label or None,
+            } | look
+            axes.axvspan(*ends, **options)
 
 
 def letter(panels: Iterable[Axes], titles: Iterable[str]) -> None:

@@ -14,16 +14,11 @@ from studies.answering.results import PATHS, configuration, settings, structure_
 from studies.answering.summary import fixed_parts, quantities
 from studies.declaring import labels
 from studies.declaring.parameters import RIG, SCENE
-from studies.motion import series
-from studies.motion.regimes import kinds
 from studies.motion.run import REGIMES
-from studies.plotting import figures, planes
+from studies.plotting import figures, planes, signals
 from sweeps import DONE, FAILED
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from studies.study import Study
 
 # Points of the paper: its tests, and where it finds modes to become unstable.
@@ -40,7 +35,7 @@ KIND = "kind of motion"
 SERIES = ("velocity_B", "normal_force", "tangential_force", "slip_velocity")
 
 
-def draw(dataset: xr.Dataset, study: Study | None = None) -> Figure:
+def draw(dataset: xr.Dataset, study: Study | None = None) -> figures.Figure:
     """The quantities of a map, or the first ones of another result, over the parameters that vary."""
     dims = [str(dim) for dim in dataset["status"].dims]
     if is_map := _is_map(dataset):
@@ -89,7 +84,7 @@ def arranged(dataset: xr.Dataset) -> tuple[list[str], str, str | None]:
     return names or list(map(str, dataset.data_vars))[:1], x, next((dim for dim in dims if dim != x), None)
 
 
-def _draw_nothing(dataset: xr.Dataset, title: str) -> Figure:
+def _draw_nothing(dataset: xr.Dataset, title: str) -> figures.Figure:
     figure, (axes,) = figures.panels(1, 1, 12.0, 5.0)
     axes.axis("off")
     why = "no point has a number to draw" if quantities(dataset) else "no output has one number a point"
@@ -99,7 +94,7 @@ def _draw_nothing(dataset: xr.Dataset, title: str) -> Figure:
 
 
 def _draw_curves(
-    axes: Axes, done: xr.Dataset, name: str, x: str, others: Sequence[str], thresholds: Mapping[str, float]
+    axes: figures.Axes, done: xr.Dataset, name: str, x: str, others: Sequence[str], thresholds: Mapping[str, float]
 ) -> None:
     """A quantity along one parameter with its standard errors, a curve for each value of another."""
     values, curves = labels.readable(done[x]).values, labels.readable(done[name].transpose(x, *others))
@@ -114,7 +109,7 @@ def _draw_curves(
             line = "" if name == "onset_frequency" else "-"  # that of another pair wherever it jumps
             look: dict[str, Any] = {"marker": "o", "markersize": 3.0, "linestyle": line, "label": text}
             look |= {} if others else {"color": figures.BLUE}
-            axes.errorbar(values, curves.isel(at).values, error, **look)
+            figures.curve(axes, values, curves.isel(at).values, error, **look)
         planes.draw_mixed(axes, done.isel(at), x, name)
     if name == "regime":
         axes.set_yticks(range(len(REGIMES)), REGIMES)
@@ -124,8 +119,13 @@ def _draw_curves(
 
 
 def _draw_planes(
-    done: xr.Dataset, names: Sequence[str], x: str, others: Sequence[str], title: str, limits: Mapping[str, float]
-) -> Figure:
+    done: xr.Dataset,
+    names: Sequence[str],
+    x: str,
+    others: Sequence[str],
+    title: str,
+    limits: Mapping[str, float],
+) -> figures.Figure:
     """Planes of the two longest parameters, a row for each quantity, a column for values of a third."""
     y, *rest = others
     across = planes.subset(done.sizes[rest[0]], MOST_ACROSS) if rest else [0]
@@ -143,38 +143,26 @@ def _draw_planes(
     return figure
 
 
-def _draw_plane(axes: Axes, at: xr.Dataset, name: str, x: str, y: str, threshold: float | None) -> None:
+def _draw_plane(axes: figures.Axes, at: xr.Dataset, name: str, x: str, y: str, threshold: float | None) -> None:
     """A quantity over two parameters, its threshold between the cells, failed points, and the paper's."""
+    values = labels.readable(at[name]).astype(float)
     if name == "regime":
-        for each in planes.regimes(axes, at[KIND], x, y):
-            colour, hatch = each.get_facecolor(), each.get_hatch()
-            axes.fill_between([], [], facecolor=colour, edgecolor="black", hatch=hatch, label=each.get_label())
+        planes.classes(axes, at[KIND], x, y)
     else:
-        _draw_numbers(axes, at, name, x, y)
-    if threshold is not None:
-        above = (at[name] > threshold).where(at[name].notnull())
-        if 0.0 < float(above.mean()) < 1.0:
-            planes.outline(axes, above, x, y, colors="black", linewidths=1.2)
-            axes.plot([], [], color="black", label=f"{labels.title(name)} {threshold:g}")
+        log = {"norm": "log"} if at[name].attrs.get("units") == "N s" and values.min() > 0.0 else {}
+        text = figures.fitted(labels.label(at[name], long=True), 6.0)
+        # Where steady sliding is stable its growth rate is grey.
+        planes.numbers(axes, values, x, y, text, values <= 0.0 if name == "growth_rate" else None, **log)
+        axes.set_title("" if values.notnull().any() else "no value", fontsize=9.0)
+        planes.hatch_failed(axes, at["status"] == FAILED, x, y)
+    if threshold is not None and planes.outline(axes, (at[name] > threshold).where(at[name].notnull()), x, y):
+        axes.plot([], [], color="black", label=f"{labels.title(name)} {threshold:g}")
     planes.mark_mixed(axes, at, x, y)
     if _is_map(at):
         _mark_paper(axes, at, [x, y])
 
 
-def _draw_numbers(axes: Axes, at: xr.Dataset, name: str, x: str, y: str) -> None:
-    """A number over two parameters with its colour bar; where steady sliding is stable its growth rate is grey."""
-    values = labels.readable(at[name].transpose(y, x)).astype(float)
-    if name == "growth_rate":
-        values = planes.stable(axes, values, x, y)
-        axes.fill_between([], [], color=planes.STABLE, label="stable")
-    log = {"norm": "log"} if at[name].attrs.get("units") == "N s" and values.min() > 0.0 else {}
-    bar = axes.figure.colorbar(planes.cells(axes, values, x, y, **log), ax=axes)
-    bar.set_label(figures.fitted(labels.label(at[name], long=True), 6.0))
-    axes.set_title("" if values.notnull().any() else "no value", fontsize=9.0)
-    planes.hatch_failed(axes, at["status"] == FAILED, x, y)
-
-
-def _mark_paper(axes: Axes, dataset: xr.Dataset, dims: Sequence[str]) -> None:
+def _mark_paper(axes: figures.Axes, dataset: xr.Dataset, dims: Sequence[str]) -> None:
     """Mark the points of the paper's rig and tests in a plane, or their values along one parameter."""
     fixed = settings(dataset)
     for marker, label, point in PAPER:
@@ -188,7 +176,7 @@ def _mark_paper(axes: Axes, dataset: xr.Dataset, dims: Sequence[str]) -> None:
                 axes.axvline(*place, color=figures.ORANGE, linestyle=":" if marker == "*" else "--", label=label)
 
 
-def _draw_scatter(done: xr.Dataset, names: Sequence[str], title: str) -> Figure:
+def _draw_scatter(done: xr.Dataset, names: Sequence[str], title: str) -> figures.Figure:
     """Each quantity over each parameter that is drawn or comes from a table."""
     dims = done["status"].dims
     varied = [
@@ -212,7 +200,7 @@ def series_of(dataset: xr.Dataset) -> list[str]:
     return [name for name in SERIES if name in dataset and "elapsed" in dataset[name].dims]
 
 
-def draw_series(dataset: xr.Dataset, names: Sequence[str]) -> Figure:
+def draw_series(dataset: xr.Dataset, names: Sequence[str]) -> figures.Figure:
     """A row for each point and series: over time, and its power spectral density."""
     points = dataset.stack(point=[dim for dim in dataset[names[0]].dims if dim != "elapsed"])
     chosen = planes.subset(points.sizes["point"], max(1, MOST_SERIES // len(names)))
@@ -229,19 +217,10 @@ def draw_series(dataset: xr.Dataset, names: Sequence[str]) -> Figure:
         later = values[int(BEGIN * len(values)) :]
         if np.isfinite(later).all() and len(later) >= 2 * SEGMENTS:
             frequency, power = scipy.signal.welch(later, rate, nperseg=2 * len(later) // SEGMENTS)
-            right.plot(1e-3 * frequency, series.decibels(power), color=figures.BLUE, linewidth=0.8)
+            signals.spectrum(right, frequency, power)
             right.set_xlim(0.0, min(10.0, 0.5e-3 * rate))
         right.set_ylabel(f"dB re ({labels.unit_of(dataset[name])[0]})²/Hz")
     panels[-2].set_xlabel("time / s")
     panels[-1].set_xlabel("frequency / kHz")
     figure.suptitle(f"Recorded series{planes.of_all(chosen, points.sizes['point'])}")
     return figure
-
-
-def draw_regimes(dataset: xr.Dataset) -> Figure:
-    """Regimes over the two longest parameters, a panel for each value of up to two others."""
-    dims = [str(dim) for dim in dataset["status"].dims]
-    codes = xr.DataArray(kinds(dataset), coords=dataset["status"].coords, dims=dims)
-    x, y, *others = sorted(dims, key=lambda dim: -dataset.sizes[dim])
-    single = [labels.named(dim, dataset[dim][0]) for dim in dims if dataset.sizes[dim] == 1]
-    return planes.over_others(codes, x, y, others, ", ".join(["Regime of the motion", *single]), planes.regimes)

@@ -44,19 +44,28 @@ def modes_figure(modes: AssembledModes, onsets: Any = (), parameter: str = "coef
     frequency, growth = lam.imag / (2.0 * np.pi), lam.real
     with figures.style():
         figure, (top, bottom) = figures.panels(2, 1, 15.0, 17.0, sharex=True, height_ratios=(3.0, 2.0))
-        for axes, values in ((top, frequency), (bottom, growth)):
-            axes.plot(mu, values, **STABLE)
-            axes.plot(mu, np.where(growth > 0.0, values, np.nan), **UNSTABLE)
+        bottom.plot(mu, growth, **STABLE)
+        draw_branches(top, bottom, mu, frequency, growth)
         top.set(ylim=(0.0, 1.05 * np.nanmax(frequency, initial=1e-9)), ylabel="frequency / Hz")
         bottom.set(xlabel=parameter, xlim=mu[[0, -1]], ylabel="growth rate / (1/s)")
         if most:
             bottom.set_ylim(-most, 1.1 * most)
         bottom.axhline(0.0, color=figures.GREY, linewidth=0.8)
-        name_growing(bottom, mu[-1], frequency[-1], growth[-1])
         mark_onsets(top, *(onsets or ((), ())))
+        name_growing(bottom, mu[-1], frequency[-1], growth[-1])
         figures.letter((top, bottom), ("frequency", "growth rate"))
         figures.legend_below(figure, [top], 3)
     return figure
+
+
+def draw_branches(
+    top: Axes, bottom: Axes, mu: Any, frequency: Any, growth: Any, unit: float = 1.0, marker: str | None = None
+) -> None:
+    """Draw frequencies, in `unit` Hz, and growth rates over mu, those that grow in colour."""
+    grows = growth > 0.0
+    top.plot(mu, frequency / unit, marker=marker, **STABLE)
+    top.plot(mu, np.where(grows, frequency / unit, np.nan), marker=marker, **UNSTABLE)
+    bottom.plot(mu, np.where(grows, growth, np.nan), marker=marker, **UNSTABLE)
 
 
 def name_growing(axes: Axes, mu: float, hertz: Any, rates: Any) -> None:

@@ -5,7 +5,7 @@ Colours survive colour blindness and grey print: shades rise in lightness, class
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,8 +19,6 @@ from studies.motion.regimes import KINDS
 from studies.plotting import figures
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -30,20 +28,30 @@ STATE_COLOURS = {"stick": "#4d4d4d", "slip": "#a6dcf7", "separation": figures.OR
 # Markers of the regimes along an axis.
 MARKERS = "svo^Dp"
 FAILED = KINDS.index("failed")
-# Of stable points, which no shade is like.
-STABLE = "#ececec"
 # Points whose realisations follow different motions.
 MIXED: dict[str, Any] = {"marker": "D", "markersize": 6.0, "color": "white", "markeredgecolor": "black"}
 MIXED |= {"linestyle": "none", "label": "realisations follow\ndifferent motions"}
 # Area of the mark of a motion that all realisations follow, square points.
 LARGEST = 40.0
-# Up to so many values of an axis each has a tick.
+# Of stable points, which no shade is like.
+STABLE = "#ececec"
+# The paper's points, by what they are.
+PAPER: dict[str, dict[str, Any]] = {
+    what: {"marker": marker, "color": "white", "markeredgecolor": "black", "markersize": 6.0, "zorder": 4.0}
+    | {"label": f"paper: {what}"}
+    for what, marker in {
+        "first unstable μ": "D", "periodic": "D", "intermittent": "^", "vibrates (measured)": "^",
+        "slides steadily (measured)": "o",
+    }.items()
+}  # fmt: skip
+PAPER["slides steadily (measured)"]["color"] = figures.BLUE
+# Up to so many values each has a tick.
 FEW = 2
 # Planes across and down.
 PANELS = (4, 3)
 
 
-def set_side(axes: Axes, side: str, array: xr.DataArray) -> NDArray[Any]:
+def set_side(axes: figures.Axes, side: str, array: xr.DataArray) -> NDArray[Any]:
     """Set label, scale and limits of a side, "x" or "y", for a parameter; return the ends of its cells."""
     values = labels.readable(array).values.astype(float)
     ends, which = edges(values), getattr(axes, f"{side}axis")
@@ -57,7 +65,7 @@ def set_side(axes: Axes, side: str, array: xr.DataArray) -> NDArray[Any]:
     return ends
 
 
-def cells(axes: Axes, array: xr.DataArray, x: str, y: str, **options: Any) -> Any:
+def cells(axes: figures.Axes, array: xr.DataArray, x: str, y: str, **options: Any) -> Any:
     """A number as lightness over two parameters, white where it is missing; what a colour bar is made from."""
     ends = set_side(axes, "x", array[x]), set_side(axes, "y", array[y])
     axes.grid(False)
@@ -65,32 +73,69 @@ def cells(axes: Axes, array: xr.DataArray, x: str, y: str, **options: Any) -> An
     return axes.pcolormesh(*ends, np.ma.masked_invalid(array.transpose(y, x).values.astype(float)), **look)
 
 
-def stable(axes: Axes, growth: xr.DataArray, x: str, y: str) -> xr.DataArray:
-    """Grey the points that do not grow; return the growth rates of the others."""
-    from matplotlib.colors import ListedColormap
-
-    cells(axes, 0.0 * growth.where(growth <= 0.0), x, y, cmap=ListedColormap([STABLE]))
-    return growth.where(growth > 0.0)
-
-
-def outline(axes: Axes, inside: xr.DataArray, x: str, y: str, **look: Any) -> None:
-    """Draw the sides of the cells between the points inside and the others."""
-    ends = (edges(labels.readable(inside[name]).values.astype(float)) for name in (x, y))
-    # Twice the values at both ends of each cell: the contour follows the sides of the cells.
-    sides, twice = [np.repeat(each, 2)[1:-1] for each in ends], np.ones((2, 2))
-    axes.contour(*sides, np.kron(inside.transpose(y, x), twice), levels=[0.5], **look)
-
-
-def regimes(axes: Axes, codes: xr.DataArray, x: str, y: str) -> list[Patch]:
+def classes(axes: figures.Axes, codes: xr.DataArray, x: str, y: str) -> list[Patch]:
     """Regimes over two parameters, by index in KINDS, failed points hatched; the handles of their legend."""
     from matplotlib.colors import ListedColormap
 
     cells(axes, codes, x, y, cmap=ListedColormap(COLOURS), vmin=-0.5, vmax=len(KINDS) - 0.5)
     hatch_failed(axes, codes == FAILED, x, y, linewidth=0.0, label=None)
-    return patches(codes)
+    handles = patches(codes)
+    for each in handles:
+        look: dict[str, Any] = {"facecolor": each.get_facecolor(), "hatch": each.get_hatch()}
+        axes.fill_between([], [], edgecolor="black", linewidth=0.5, label=str(each.get_label()), **look)
+    return handles
 
 
-def hatch_failed(axes: Axes, failed: xr.DataArray, x: str, y: str, **look: Any) -> None:
+def numbers(
+    axes: figures.Axes, array: xr.DataArray, x: str, y: str, label: str = "", stable: Any = None, **look: Any
+) -> Any:
+    """A number over two parameters as lightness, with its colour bar; grey where it is `stable`.
+
+    Without a label there is no colour bar. Logarithmic: `norm="log"`, `vmin` and `vmax`. Returns what a colour bar
+    is made from.
+    """
+    from matplotlib.colors import ListedColormap
+
+    if stable is not None:
+        cells(axes, xr.zeros_like(array).where(stable), x, y, cmap=ListedColormap([STABLE]))
+        axes.fill_between([], [], color=STABLE, edgecolor="black", label="stable")
+        array = array.where(~stable)
+    mesh = cells(axes, array, x, y, **look)
+    if label and bool(array.notnull().any()):
+        axes.figure.colorbar(mesh, ax=axes, pad=0.02, label=label)
+    return mesh
+
+
+def outline(axes: figures.Axes, inside: xr.DataArray, x: str, y: str) -> bool:
+    """A line around some of the cells, along their sides; false where it has all of them or none."""
+    if not 0.0 < float(inside.mean()) < 1.0:
+        return False
+    # Twice the values at both ends of each cell.
+    sides = [np.repeat(edges(labels.readable(inside[name]).values.astype(float)), 2)[1:-1] for name in (x, y)]
+    for colour, width in (("white", 2.6), ("black", 1.3)):
+        twice = np.kron(inside.transpose(y, x), np.ones((2, 2)))
+        axes.contour(*sides, twice, levels=[0.5], colors=colour, linewidths=width)
+    return True
+
+
+def stack(
+    axes: figures.Axes,
+    ends: NDArray[Any],
+    shares: Mapping[str, Any],
+    colours: Sequence[str],
+    base: float = 0.0,
+    **options: Any,
+) -> None:
+    """Shares by their names, one on the other from `base` up, over the cells with these `ends`."""
+    below = np.full(len(ends) - 1, base)
+    for (name, share), colour in zip(shares.items(), colours, strict=True):
+        part = np.nan_to_num(share)
+        look: dict[str, Any] = {"align": "edge", "color": colour, "label": name} | options
+        axes.bar(ends[:-1], part, np.diff(ends), below, **look)
+        below = below + part
+
+
+def hatch_failed(axes: figures.Axes, failed: xr.DataArray, x: str, y: str, **look: Any) -> None:
     """Hatch the cells of failed points."""
     ends = (edges(labels.readable(failed[name]).values.astype(float)) for name in (x, y))
     cells = np.ma.masked_equal(failed.transpose(y, x).values.astype(float), 0.0)
@@ -99,7 +144,9 @@ def hatch_failed(axes: Axes, failed: xr.DataArray, x: str, y: str, **look: Any) 
         axes.pcolor(*ends, cells, hatch="xxxx", **look)
 
 
-def over_others(data: Any, x: str, y: str, others: Sequence[str], title: str, draw: Callable[..., Any]) -> Figure:
+def over_others(
+    data: Any, x: str, y: str, others: Sequence[str], title: str, draw: Callable[..., Any]
+) -> figures.Figure:
     """A plane for each value of up to two other parameters, across and down, or for some of many.
 
     `draw(axes, part, x, y)` draws one and returns the handles of its legend.
@@ -123,7 +170,7 @@ def over_others(data: Any, x: str, y: str, others: Sequence[str], title: str, dr
 
 
 def along(
-    axes: Axes, x: Any, heights: NDArray[Any], codes: NDArray[Any], spread: Any = None, size: float = 5.0
+    axes: figures.Axes, x: Any, heights: NDArray[Any], codes: NDArray[Any], spread: Any = None, size: float = 5.0
 ) -> None:
     """A quantity along one parameter, each point marked by its regime (an index in KINDS), or by a cross."""
     axes.plot(x, heights, color=figures.GREY, linewidth=0.8, zorder=1.5)
@@ -135,11 +182,11 @@ def along(
             continue
         look = {"linestyle": "none", "marker": MARKERS[code], "markersize": size, "color": COLOURS[code]}
         look |= {"ecolor": figures.GREY, "markeredgecolor": "black", "markeredgewidth": 0.5, "label": KINDS[code]}
-        error = None if spread is None else np.nan_to_num(spread[chosen])
-        axes.errorbar(x[chosen], heights[chosen], error, **look, clip_on=False, zorder=2.5)
+        error = None if spread is None else spread[chosen]
+        figures.curve(axes, x[chosen], heights[chosen], error, **look, capsize=0.0, clip_on=False, zorder=2.5)
 
 
-def marks(axes: Axes, places: Iterable[tuple[float, float]], **look: Any) -> list[Line2D]:
+def marks(axes: figures.Axes, places: Iterable[tuple[float, float]], **look: Any) -> list[Line2D]:
     """Mark the points of a plane within its limits; the handles of a legend, none if no point is within."""
     from matplotlib.lines import Line2D
 
@@ -151,14 +198,19 @@ def marks(axes: Axes, places: Iterable[tuple[float, float]], **look: Any) -> lis
     return [Line2D([], [], **look)]
 
 
-def mark_mixed(axes: Axes, dataset: xr.Dataset, x: str, y: str) -> list[Line2D]:
+def mark_mixed(axes: figures.Axes, dataset: xr.Dataset, x: str, y: str) -> list[Line2D]:
     """Mark the points of a plane whose realisations follow different motions; handles as of `marks`."""
-    rows, columns = np.nonzero(several(dataset).transpose(y, x).values)
-    xs, ys = (labels.readable(dataset[name]).values for name in (x, y))
-    return marks(axes, zip(xs[columns], ys[rows], strict=True), **MIXED)
+    return marks(axes, places(several(dataset), x, y), **MIXED)
 
 
-def draw_mixed(axes: Axes, dataset: xr.Dataset, x: str, name: str) -> None:
+def places(chosen: xr.DataArray, x: str, y: str) -> list[tuple[float, float]]:
+    """The chosen points of a plane, in a reader's units."""
+    rows, columns = np.nonzero(chosen.transpose(y, x).values)
+    xs, ys = (labels.readable(chosen[name]).values for name in (x, y))
+    return list(zip(xs[columns], ys[rows], strict=True))
+
+
+def draw_mixed(axes: figures.Axes, dataset: xr.Dataset, x: str, name: str) -> None:
     """Along one parameter mark the values of each motion where there are several, larger by its share.
 
     A quantity that has none has its mean marked.

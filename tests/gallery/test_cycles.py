@@ -8,7 +8,9 @@ from fivcore.cycles.branch import Place
 from studies import registry
 from studies.answering import summary
 from studies.asking.sweep import sweep_of
-from studies.gallery import contact, cycles
+from studies.gallery import cycles
+from studies.physics import branches
+from studies.physics import cycles as orbits
 from sweeps import InputError
 
 # Of the paper's rig with d2 = 1e-6 s stable and unstable cycles meet here (tests/verification/test_cycles.py).
@@ -43,15 +45,15 @@ def test_places_lie_on_their_branch_in_its_order():
     values = np.array([1.0, 2.0, 3.0, 2.5, 1.5])
     places = [Place(1.5, "slip vanishes"), Place(3.1, "fold"), Place(2.0, "stick vanishes")]
     branch = CycleBranch("mu", values, [], places, "no convergence beyond mu = 1.5")
-    found = [*cycles.places_of(branch, (0.0, 4.0))]
+    found = [*branches.places_of(branch, (0.0, 4.0))]
     assert found == [(1.5, "slip vanishes", 0), (3.1, "fold", 2), (2.0, "stick vanishes", 3),
                      (1.5, "end: no convergence", 4)]  # fmt: skip
 
 
 def test_places_are_spread():
-    assert cycles.spread(np.arange(10, 21), 3) == [12, 15, 18]
-    assert cycles.spread(np.array([4]), 3) == [4]
-    assert cycles.spread(np.array([]), 3) == []
+    assert branches.spread(np.arange(10, 21), 3) == [12, 15, 18]
+    assert branches.spread(np.array([4]), 3) == [4]
+    assert branches.spread(np.array([]), 3) == []
 
 
 @pytest.mark.parametrize(("values", "message"), [
@@ -77,26 +79,26 @@ def test_a_motion_on_its_cycle_is_near_it_all_the_time(stable):
     how = {"initial": start, "record": True, "sample_rate": None}
     motion = simulate(stable.scene, 0.05, **how)
     motion.summary["first_slip_time"] = 0.0
-    assert contact.near(motion, stable) == 1.0
+    assert orbits.near(motion, stable) == 1.0
     sliding = Scene(2e-3, 5.0, 0.05, 9.0)
     quiet = simulate(sliding, 0.3, record=True)
-    assert contact.near(quiet, stable) == 0.0
+    assert orbits.near(quiet, stable) == 0.0
 
 
 def test_the_cycle_is_followed_to_the_damping_or_to_where_it_ends(monkeypatch, stable):
     scene = stable.scene
-    monkeypatch.setattr(contact, "SOUGHT", 1e-6)
-    monkeypatch.setattr(contact, "limit_cycle", lambda *_, **__: stable)
-    assert contact.sought(scene, None, 3) == (stable, 1e-6)
+    monkeypatch.setattr(orbits, "SOUGHT", 1e-6)
+    monkeypatch.setattr(orbits, "limit_cycle", lambda *_, **__: stable)
+    assert orbits.followed(scene, None, 3) == (stable, 1e-6)
     branch = follow_cycle(stable, "d2", 9.5e-7, most=3)
-    monkeypatch.setattr(contact, "follow_cycle", lambda *_, **__: branch)
+    monkeypatch.setattr(orbits, "follow_cycle", lambda *_, **__: branch)
     other = Scene(2e-3, 5.0, 0.12, 9.0, Rig(d2=1e-9))
-    cycle, reached = contact.sought(other, None, 3)
+    cycle, reached = orbits.followed(other, None, 3)
     assert cycle is None
     assert reached == branch.values.min()
 
 
 def test_no_cycle_is_sought_where_the_motion_has_long_sticks():
-    cycle, reached = contact.sought(Scene(2e-3, 5.0, 0.2, 9.0), None, 3)
+    cycle, reached = orbits.followed(Scene(2e-3, 5.0, 0.2, 9.0), None, 3)
     assert cycle is None
     assert np.isnan(reached)

@@ -8,8 +8,9 @@ import studies
 from fivcore import Rig, Scene, simulate_many
 from studies import paper, registry
 from studies.answering import claims
-from studies.gallery import damping, fig7
 from studies.motion import regimes, run
+from studies.physics import lines
+from studies.physics import statements as rules
 from sweeps import InputError
 from tests import HOME, make_reference
 
@@ -24,11 +25,11 @@ def motions(**changed):
     sticks = {"1 mm/s": 0.08, "2 mm/s": 0.04, "less friction": 0.02, "less load": 0.02}
     forces = dict(zip(("2 mm/s", "5 mm/s"), (paper.CONTACT_PEAKS[V] for V in (2e-3, 5e-3)), strict=True))
     made = {}
-    for scene in damping.SCENES:
-        peaks = dict(zip(damping.PEAKS, forces.get(scene, (20.0, 0.02)), strict=True))
+    for scene in rules.SCENES:
+        peaks = dict(zip(rules.PEAKS, forces.get(scene, (20.0, 0.02)), strict=True))
         lasting = "intermittent" if scene in sticks else "irregular"
         made[scene] = {
-            "regime": np.array([KIND[regimes.STEADY if scene in damping.STEADY else lasting]]),
+            "regime": np.array([KIND[regimes.STEADY if scene in rules.STEADY else lasting]]),
             "mean_stick_time": np.array([sticks.get(scene, np.nan)]),
             "dominant_frequency": np.array([paper.SIMULATED_LINE]),
             **{f"{name}_999": np.array([0.9 * value]) for name, value in peaks.items()},
@@ -64,22 +65,22 @@ CASES = {
 
 
 def test_each_statement_fails_by_what_it_says():
-    assert set(CASES) == set(damping.STATEMENTS)
-    for name, (_, holds) in damping.STATEMENTS.items():
+    assert set(CASES) == set(rules.STATEMENTS)
+    for name, (_, holds) in rules.STATEMENTS.items():
         assert holds(motions()).all(), name
         assert not holds(motions(**dict([CASES[name]]))).any(), name
 
 
 def test_vibration_without_sticks_is_shorter_sticks_but_only_where_there_are_any_at_2_mm():
     for name, scene in (("less friction", "less friction"), ("less load", "less load")):
-        holds = damping.STATEMENTS[f"{name}, shorter sticks"][1]
+        holds = rules.STATEMENTS[f"{name}, shorter sticks"][1]
         assert holds(motions(**{f"{scene}: regime": "irregular"})).all()
         assert not holds(motions(**{f"{scene}: regime": "irregular", "2 mm/s: regime": "irregular"})).any()
 
 
 def test_the_identified_damping_is_the_one_of_the_reference_by_the_stated_rule():
     with xr.open_dataset(REFERENCE) as data:
-        assert damping.identified(data) == claims.IDENTIFIED
+        assert rules.identified(data) == claims.IDENTIFIED
         at = [data.sel(each).load() for each in (claims.PRINTED, claims.IDENTIFIED)]
         assert float(at[1]["held"]) == data["held"].sel(d1=claims.PRINTED["d1"]).max()
     assert {"d1": Rig().d1, "d2": Rig().d2} == claims.PRINTED
@@ -93,9 +94,9 @@ def test_of_equally_many_statements_those_that_hold_more_often_count():
         {"held": ("d2", [3, 4, 4, 4]), "status": ("d2", [1, 1, 1, 1])}, {"d1": 50.0, "d2": [1.0, 2.0, 3.0, 4.0]}
     ).expand_dims("d1")
     data["truth"] = (("d1", "d2", "statement"), [[[1.0] * 4, [0.6] * 4, [0.9] * 4, [0.9] * 4]])
-    assert damping.identified(data) == {"d1": 50.0, "d2": 3.0}
+    assert rules.identified(data) == {"d1": 50.0, "d2": 3.0}
     data["status"][0, 2] = 2
-    assert damping.identified(data)["d2"] == 4.0
+    assert rules.identified(data)["d2"] == 4.0
 
 
 @pytest.mark.parametrize(("point", "stick"), [(claims.PRINTED, 0.75), (claims.IDENTIFIED, 0.90)])
@@ -110,13 +111,13 @@ def test_the_printed_damping_lets_go_and_the_identified_one_sticks(point, stick)
 @pytest.mark.parametrize("point", POINTS)
 def test_the_published_scheme_moves_alike_at_three_points(point, monkeypatch):
     """Method "paper" on all modes: shares of stick, and sticks that last at 1 and 2 mm/s only."""
-    monkeypatch.setattr(damping, "SCENES", {name: damping.SCENES[name] for name in [*damping.SCENES][:3]})
-    monkeypatch.setattr(damping, "STATEMENTS", {})
+    monkeypatch.setattr(rules, "SCENES", {name: rules.SCENES[name] for name in [*rules.SCENES][:3]})
+    monkeypatch.setattr(rules, "STATEMENTS", {})
     given = {"members": 1, "ramp": 1e-3, "cutoff": None, "skip_long_sticks": 1, "numerical_damping": "published"}
     found = []
     for method, duration in (("fast", 3.0), ("paper", 1.2)):
         monkeypatch.setattr(run, "METHOD", method)
-        found.append(damping.statements(Rig.of(**point), duration, **given)["stick_fraction"][0])
+        found.append(rules.statements(Rig.of(**point), duration, **given)["stick_fraction"][0])
     np.testing.assert_allclose(found[1], found[0], atol=0.035)
 
 
@@ -152,8 +153,8 @@ def test_a_lines_height_is_over_the_median_around_it():
     power = np.where(frequency == 2600.0, 1e-4, np.where(np.abs(frequency - 2600.0) < 700.0, 1e-6, 1.0))
     point = xr.Dataset({"spectrum_vibrating": ("frequency", power)}, {"frequency": frequency})
     point = point.assign(dominant_frequency=2600.0, regime=KIND["irregular"])
-    assert fig7._line_height(point) == pytest.approx(20.0)
-    assert np.isnan(fig7._line_height(point.assign(regime=KIND["stuck"])))
+    assert lines.line_height(point) == pytest.approx(20.0)
+    assert np.isnan(lines.line_height(point.assign(regime=KIND["stuck"])))
 
 
 def test_no_run_writes_among_the_results_of_the_identified_damping():

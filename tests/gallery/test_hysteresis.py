@@ -53,7 +53,7 @@ def test_the_papers_rig_goes_on_vibrating_where_sliding_is_stable(computed):
 
 def test_a_state_in_another_scene_keeps_its_deviation_from_rest():
     scene = Scene(2e-3, 5.0, 0.05, 9.0)
-    state = following.run_all([following.runs.job(scene, 0.5, OPTIONS)])[0].final_state
+    state = following.run_one(following.runs.job(scene, 0.5, OPTIONS)).final_state
     same, jump = following.mapped(state, scene, scene)
     np.testing.assert_allclose(same.displacement, state.displacement, rtol=1e-12, atol=1e-20)
     assert jump == 0.0
@@ -62,7 +62,7 @@ def test_a_state_in_another_scene_keeps_its_deviation_from_rest():
     # Steady sliding stays it at another speed, and nearly at another load.
     for other in (replace(scene, V=3e-3), replace(scene, F=10.0), replace(scene, theta=5.1)):
         mapped, jump = following.mapped(state, scene, other)
-        run = following.run_all([following.runs.job(other, 0.3, OPTIONS, initial=mapped)])[0]
+        run = following.run_one(following.runs.job(other, 0.3, OPTIONS, initial=mapped))
         assert run.summary["regime"] == "steady sliding"
         assert jump < 1e-6
         assert run.summary["mean_normal_force"] == pytest.approx(other.F, rel=1e-3)

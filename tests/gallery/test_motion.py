@@ -12,8 +12,8 @@ from fivcore.transient.summary import LONG_SHARE
 from studies import paper, registry
 from studies.answering import summary
 from studies.asking.sweep import sweep_of
-from studies.gallery import contact
 from studies.motion import regimes, run, series
+from studies.physics import phases
 
 EPS = np.finfo(float).eps
 # One geometric ratio for V and F, no power of two, and with it the same V / F again and again.
@@ -257,15 +257,15 @@ def test_what_rings_above_the_band_is_not_folded_into_it():
 
 
 def test_the_main_phases_are_found_in_their_order():
-    stick, slip, separation = contact.STICK, contact.SLIP, contact.SEPARATION
+    stick, slip, separation = phases.STICK, phases.SLIP, phases.SEPARATION
     states = [stick, slip, stick, slip, separation, slip, separation, slip, stick]
     state = np.repeat(states, [9, 3, 5, 2, 1, 2, 8, 4, 2])
-    assert contact.main_phases(state) == {1: (0, 9), 2: (9, 12), 3: (22, 30), 4: (30, 34)}
-    assert contact.main_phases(np.full(5, stick)) == {1: (0, 5)}
+    assert phases.main_phases(state) == {1: (0, 9), 2: (9, 12), 3: (22, 30), 4: (30, 34)}
+    assert phases.main_phases(np.full(5, stick)) == {1: (0, 5)}
 
 
 def test_the_drawn_period_has_all_phases_if_one_has():
-    stick, slip, separation = contact.STICK, contact.SLIP, contact.SEPARATION
+    stick, slip, separation = phases.STICK, phases.SLIP, phases.SEPARATION
     parts = [[slip, 10], [stick, 60], [separation, 40], [stick, 60], [slip, 10], [separation, 20], [slip, 10]]
     state = np.repeat(*zip(*parts, [stick, 200], strict=True))
     time = 1e-5 * np.arange(len(state))
@@ -273,4 +273,4 @@ def test_the_drawn_period_has_all_phases_if_one_has():
     series = {"elapsed": time, "state": state, "slip_displacement": 1e-3 * np.minimum(time, 1.1e-3)}
     point = xr.Dataset({name: ("time", values) for name, values in series.items()})
     point = point.assign(dominant_frequency=1e3, V=1e-3)
-    assert contact.periods(point) == (110, 310, 210)
+    assert phases.periods(point) == (110, 310, 210)

@@ -14,13 +14,14 @@ from studies.motion import ensemble, run
 from studies.motion import regimes as motion
 from studies.motion.jobs import run_all
 from studies.motion.run import REGIMES
+from studies.physics import verdicts
 from tests import HOME
 
 # Long enough for what decays slowest, at d1 / 2 = 25 1/s, to be gone; short enough for a test.
 SHORT = {"min_duration": 0.6, "max_duration": 0.85, "members": 2}
 OPTIONS = {"ramp": 1e-3, "cutoff": None, "skip_long_sticks": 1, "numerical_damping": "published"}
 OPTIONS |= {"standard_error": 0.01, "min_duration": 1.0, "max_duration": 8.0}
-VERDICTS = list(regimes.VERDICTS)
+VERDICTS = list(verdicts.VERDICTS)
 STEADY, INTERMITTENT, PERIODIC, IRREGULAR = map(
     REGIMES.index, ("steady sliding", "intermittent", "periodic", "irregular")
 )
@@ -171,7 +172,7 @@ def row(**columns):
 )
 def test_verdicts(regime, growth, model, other, verdict):
     point = {"status": 1, "duration": 4.0, "first_slip_time": 0.5} | other
-    (code,) = regimes.compare_linear(row(regime=[regime], growth_rate=growth, model_growth_rate=model, **point))
+    (code,) = verdicts.compare_linear(row(regime=[regime], growth_rate=growth, model_growth_rate=model, **point))
     assert (np.isnan(code) and verdict is None) or VERDICTS[int(code)] == verdict
 
 
@@ -179,7 +180,7 @@ def test_a_regime_is_uncertain_if_realisations_differ_and_too_few_are_in_it():
     largest, certainty = zip((1.0, 0.9), (0.75, 0.84), (0.9, 0.95), (0.9, 0.96), (0.5, 0.94), strict=True)
     shares = np.stack([largest, np.zeros(5)], 1)
     data = row(regime_certainty=certainty).assign(regime_share=(("V", "kind"), shares))
-    assert regimes.uncertain(data).tolist() == [False, True, False, False, True]
+    assert verdicts.uncertain(data).tolist() == [False, True, False, False, True]
 
 
 def test_a_point_is_in_a_regime_failed_or_pending():

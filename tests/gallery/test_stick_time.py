@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from fivcore import Scene
 from studies import paper, registry
 from studies.asking.sweep import sweep_of
-from studies.gallery.stick_time import of_sticks
 from studies.motion import ensemble
-from studies.motion.stick_fit import bootstrap, crossing, exponent, interval, local_exponents, ratio
+from studies.motion.stick_fit import bootstrap, crossing, exponent, interval, local_exponents, of_sticks, ratio
 from tests import HOME
 
 STUDY = registry.load("stick_time")

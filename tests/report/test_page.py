@@ -26,7 +26,7 @@ from studies import registry, runner
 from studies.answering import results
 from studies.asking.request import Request, assignment
 from studies.asking.sweep import sweep_of
-from studies.plotting import figures, general
+from studies.plotting import figures, regimes
 from studies.report import page, section, watch
 from studies.study import Parameter, Study
 from sweeps import Axis, InputError, Variable, open_results
@@ -179,7 +179,7 @@ def test_a_figure_beside_the_file_is_drawn_again_only_for_other_data_or_code(fol
     monkeypatch.setattr(runner, "image", lambda *_: {"": b"drawn"})
     assert section.images(result) == [b"drawn"]
     digest = runner.picture_digest(result.study, result.dataset)
-    other = replace(result, study=replace(result.study, figure=general.draw_regimes))
+    other = replace(result, study=replace(result.study, figure=regimes.draw_planes))
     uncompared = replace(result, study=replace(result.study, figure=partial(len, object())))
     with monkeypatch.context() as patch:
         patch.setattr(figures, "shows", lambda image, of: (image, of) == (b"stored", digest))

@@ -1,0 +1,1 @@
+"""What studies ask of several motions: thresholds, loops, limit cycles and their branches, sticks, phases."""

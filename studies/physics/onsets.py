@@ -1,0 +1,127 @@
+"""Flutter onsets: their branches over the inclination, and how those of pairs move with the rig."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+import fivcore
+from fivcore import OnsetCurves, OnsetSensitivity, Rig, flutter_onsets, onset_curves
+from studies import paper
+from studies.declaring.parameters import rig_numbers
+from studies.motion.run import BAND
+from studies.motion.scenes import rig_of
+from studies.motion.stability import first_onsets, friction_in, with_flags, with_unstable_intervals
+from sweeps import InputError
+
+ENDS = ("range", "mu_max", "fmax", "fold")
+TRACED = {"theta": "degree", "mu": "1", "frequency": "Hz"}
+# Branches: dimension, name of their variables, description.
+BRANCHES = {"pair": ("onset", "the pair's flutter onset"), "recovery": ("recovery", "a pair's recovery")}
+# Relative change of a parameter. Friction is a function of frequency, which tells onsets apart: further than SAME
+# from the predicted frequency an onset may be another, born where this one met a recovery.
+PAIRS, STEP, SAME = 3, 0.01, 0.01
+
+
+def with_branches(dataset: xr.Dataset, rig: Any) -> xr.Dataset:
+    """Add branches of onsets and recoveries over theta, unstable intervals at the paper's friction, and the bound.
+
+    Where branches or intervals cannot be separated there are none, and a `comment` gives the reason.
+    """
+    theta, mu, comment = dataset["theta"].values, dataset["mu"].values, ""
+    curves = OnsetCurves((), (), theta, *np.empty((4, len(theta), 0)))
+    if not isinstance(rig, Rig):
+        comment = "a structure has one inclination"
+    elif friction_in(dataset).kinetic_ratio != 1.0:
+        comment = "friction depends on the speed"
+    elif mu.max() > 0.0:
+        try:
+            curves = onset_curves(rig, theta, BAND, float(mu.max()))
+        except ArithmeticError as problem:
+            comment = str(problem)
+    friction, tangent = float(np.clip(paper.MU, mu.min(), mu.max())), np.tan(np.radians(theta))
+    dataset = with_unstable_intervals(dataset, rig, friction)
+    added = branches("pair", curves.onsets, curves.mu, curves.frequency)
+    added |= branches("recovery", curves.recoveries, curves.recovery_mu, curves.recovery_frequency)
+    # The lowest onset at each angle, NaN where there is none.
+    table = np.pad([curves.mu, curves.frequency], ((0, 0), (0, 0), (0, 1)), constant_values=np.nan)
+    first = np.where(np.isnan(table[0]), np.inf, table[0]).argmin(axis=1)
+    lowest = table[:, np.arange(len(theta)), first]
+    if comment:
+        lowest = np.array(first_onsets(dataset, rig)[1:])
+    text = "at the lowest flutter onset; pairs that enter the band unstable are not counted"
+    added["onset_mu"] = "theta", lowest[0], "1", f"coefficient of friction {text}"
+    added["onset_frequency"] = "theta", lowest[1], "Hz", f"frequency {text}"
+    added["bound_mu"] = "theta", np.where(tangent > 0.0, tangent, np.nan), "1", "tan(theta), if above 0"
+    added["window_mu"] = (), friction, "1", "coefficient of friction of the unstable intervals"
+    # The branches as they were followed, to their ends, one after the other.
+    traces = (*curves.onsets, *curves.recoveries)
+    number = np.repeat(np.arange(len(traces), dtype=np.int16), [len(curve.theta) for curve in traces])
+    added["trace_branch"] = "trace", number, "1", "number of the branch, from 0; onsets first"
+    for name, units in TRACED.items():
+        values = np.concatenate([np.empty(0), *(getattr(curve, name) for curve in traces)])
+        added[f"trace_{name}"] = "trace", np.float32(values), units, f"{name} along the branches"
+    for name, (dims, values, units, text) in added.items():
+        dataset[name] = dims, values, {"units": units, "long_name": text}
+    numbers = {dim: dataset[f"{dim}_lowest_frequency"] for dim in BRANCHES if dataset.sizes[dim]}
+    dataset = dataset.assign_coords(numbers)
+    if comment:
+        dataset["pair_onset_mu"].attrs["comment"] = comment
+    return with_flags(dataset, ENDS, *(f"{dim}_{end}" for dim in BRANCHES for end in ("begins", "ends")))
+
+
+def branches(dim: str, curves: Any, mu: np.ndarray, frequency: np.ndarray) -> dict[str, Any]:
+    """Branches at the grid's angles, where each is lowest, and how it begins and ends."""
+    kind, text = BRANCHES[dim]
+    added: dict[str, Any] = {
+        f"pair_{kind}_mu": (("theta", dim), mu, "1", f"coefficient of friction at {text}"),
+        f"pair_{kind}_frequency": (("theta", dim), frequency, "Hz", f"frequency at {text}"),
+    }
+    places = np.array([curve.lowest for curve in curves]).reshape(-1, 3).T
+    for (name, units), values in zip(TRACED.items(), places, strict=True):
+        added[f"{dim}_lowest_{name}"] = (dim, values, units, f"{name} where {text} is lowest in mu")
+    for k, name in enumerate(("begins", "ends")):
+        codes = np.array([ENDS.index(curve.ends[k]) for curve in curves], dtype=np.int8)
+        added[f"{dim}_{name}"] = (dim, codes, "1", f"where {text} {name} as theta rises")
+    return added
+
+
+@lru_cache(maxsize=8)
+def pairs_at(rig: Rig, theta: float, start: float, mu_max: float) -> tuple[OnsetSensitivity, np.ndarray]:
+    """All onsets at `theta`, and the place of each pair among them, which `start` numbers; -1 for none."""
+    angles = np.unique([start, theta])
+    branches = onset_curves(rig, angles, BAND, mu_max).mu
+    first, last = branches[np.searchsorted(angles, [start, theta])]
+    onsets, places = fivcore.onset_sensitivity(rig, theta, BAND, mu_max), np.full(PAIRS, -1)
+    for pair, branch in enumerate(np.argsort(first)[:PAIRS]):
+        # At the given angles the curves have the bits of `flutter_onsets`.
+        if np.isfinite(first[branch]) and last[branch] in onsets.mu:
+            places[pair] = np.flatnonzero(onsets.mu == last[branch])[0]
+    return onsets, places
+
+
+def changed(rig: Rig, theta: float, name: str, onsets: OnsetSensitivity, mu_max: float) -> tuple[Any, Any]:
+    """Friction and frequency of the onsets when a parameter is 1 % larger.
+
+    NaN where no onset is within SAME of the frequency that the derivative predicts, or where no such rig exists.
+    """
+    mu, frequency = np.full((2, len(onsets.mu)), np.nan)
+    with suppress(InputError):
+        # An onset may rise beyond the friction of interest.
+        after = flutter_onsets(*larger(rig, theta, name), BAND, 2.0 * mu_max)
+        predicted = onsets.frequency * (1.0 + STEP * np.nan_to_num(onsets.frequency_normalised[name]))
+        away = np.abs(np.log(after.frequency[:, None] / predicted))
+        j, k = np.nonzero((away == away.min(0, initial=SAME)) & (away == away.min(1, initial=SAME, keepdims=True)))
+        mu[k], frequency[k] = after.mu[j], after.frequency[j]
+    return mu, frequency
+
+
+def larger(rig: Rig, theta: float, name: str) -> tuple[Rig, float]:
+    """The rig and the inclination with one parameter 1 % larger."""
+    numbers = rig_numbers(rig) | {"theta": theta}
+    numbers[name] *= 1.0 + STEP
+    return rig_of(numbers), numbers["theta"]
