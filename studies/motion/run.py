@@ -107,7 +107,14 @@ def contacts_of(run: Transient) -> dict[str, Any]:
     return {name: run.summary[name] for name in CONTACTS if name in run.summary}
 
 
-def check(V: Any, F: Any, ramp: Any, cutoff: Any, skip_long_sticks: Any, numerical_damping: Any) -> None:
+def check(
+    V: Any,
+    F: Any,
+    ramp: Any,
+    cutoff: Any,
+    skip_long_sticks: Any,
+    numerical_damping: Any,
+) -> None:
     """Raise the `ValueError` of options that no scene can be run with, at the least and the greatest V / F."""
     speeds, loads = np.abs(np.ravel(V)), np.ravel(F)
     runs = {
