@@ -15,7 +15,7 @@ from studies.declaring import labels
 from studies.declaring.parameters import RIG, RUN, SCENE
 from studies.declaring.spec import evenly
 from studies.motion import following, knock
-from studies.physics import branches
+from studies.physics import cycles
 from studies.plotting import figures, general, planes
 from studies.study import Parameter, Study
 from sweeps import InputError
@@ -32,8 +32,8 @@ def bifurcations(
     """Hysteresis, knock thresholds and branches of limit cycles of each chain of scenes."""
     found = following.follow(chains, 1.0, hold, **how)
     points = zip(chains, found["regime"], strict=True)
-    rows = [branches.of_chain(*point, follow, hold, most, edges, how) for point in points]
-    own = {n: v for n, v in found.items() if n in branches.OUTPUTS or n == "error"}
+    rows = [cycles.of_chain(*point, follow, hold, most, edges, how) for point in points]
+    own = {n: v for n, v in found.items() if n in cycles.BRANCHES or n == "error"}
     return own | {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
 
@@ -106,11 +106,11 @@ def _draw_point(column: Any, point: xr.Dataset) -> None:
     """Branches, solid where stable; places on them; runs, onsets and thresholds."""
     name = following.followed(point)
     factor, x = labels.unit_of(point[name])[1], labels.readable(point[name]).values
-    cycles = {each: point[f"cycle_{each}"].values for each in branches.KEPT}
-    value, stable, rms = factor * cycles["value"], cycles["multiplier"] < 1.0, 1e3 * cycles["rms"]
-    for axes, y in zip(column, (rms, cycles["frequency"], cycles["multiplier"]), strict=False):
-        for branch in np.unique(cycles["branch"][np.isfinite(cycles["branch"])]):
-            on = cycles["branch"] == branch
+    kept = {each: point[f"cycle_{each}"].values for each in cycles.KEPT}
+    value, stable, rms = factor * kept["value"], kept["multiplier"] < 1.0, 1e3 * kept["rms"]
+    for axes, y in zip(column, (rms, kept["frequency"], kept["multiplier"]), strict=False):
+        for branch in np.unique(kept["branch"][np.isfinite(kept["branch"])]):
+            on = kept["branch"] == branch
             for kind, style, of_kind in (("stable", "-", stable), ("unstable", "--", ~stable)):
                 # From the last cycle of the other kind on, so that the curve has no gap.
                 shown = on & (of_kind | np.append(of_kind[1:] & on[1:], False))
@@ -154,6 +154,6 @@ STUDY = Study(
         ),
     }
     | RUN,
-    outputs=branches.OUTPUTS, function=bifurcations, coords=branches.coords, derive=following.derive,
+    outputs=cycles.BRANCHES, function=bifurcations, coords=cycles.coords, derive=following.derive,
     summary=summarise, figure=draw, check=check, chaotic=True,
 )  # fmt: skip

@@ -16,7 +16,7 @@ from studies.declaring import labels, spec
 from studies.declaring.parameters import Parameter
 from studies.motion import run, scenes
 from studies.motion.stability import MODES
-from studies.physics.lock_in import MOST_MU, closest_two, lock_in, pair, path
+from studies.physics.onsets import MOST_MU, closest_two, lock_in, pair, path
 from studies.plotting import figures
 from studies.study import Claim, Study
 from sweeps import Axis

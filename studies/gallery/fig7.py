@@ -16,7 +16,6 @@ from studies.answering.results import rig_of, with_variables
 from studies.declaring import labels
 from studies.declaring.parameters import RUN, published
 from studies.motion import regimes, run, series
-from studies.physics import lines
 from studies.plotting import figures, planes, signals
 from studies.study import Claim, Parameter, Study
 from sweeps import Variable
@@ -61,8 +60,8 @@ def histories(
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:
     """Add the modes of the glued rig, which ring while it sticks, and the lines of the spectra."""
-    glued = lines.glued(rig_of(dataset), float(dataset["theta"]))
-    return with_variables(dataset, lines.of_points(dataset) | glued)
+    glued = regimes.glued_modes(rig_of(dataset), float(dataset["theta"]))
+    return with_variables(dataset, regimes.lines_of(dataset) | glued)
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:

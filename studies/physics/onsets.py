@@ -1,4 +1,4 @@
-"""Flutter onsets: their branches over the inclination, and how those of pairs move with the rig."""
+"""Flutter onsets: branches over the inclination, how they move with the rig, and the first pair that locks in."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 import fivcore
-from fivcore import OnsetCurves, OnsetSensitivity, Rig, flutter_onsets, onset_curves
+from fivcore import OnsetCurves, OnsetSensitivity, Rig, SlidingModes, flutter_onsets, onset_curves, sliding_modes
 from studies import paper
 from studies.declaring.parameters import rig_numbers
 from studies.motion.run import BAND
@@ -25,6 +25,8 @@ BRANCHES = {"pair": ("onset", "the pair's flutter onset"), "recovery": ("recover
 # Relative change of a parameter. Friction is a function of frequency, which tells onsets apart: further than SAME
 # from the predicted frequency an onset may be another, born where this one met a recovery.
 PAIRS, STEP, SAME = 3, 0.01, 0.01
+# The pair is followed from its onset, in steps so small that it is nearest to itself, over whole intervals of mu.
+MU_MAX, MU_STEP, INTERVAL, MOST_MU = 1.0, 2e-4, 0.2, 4.0
 
 
 def with_branches(dataset: xr.Dataset, rig: Any) -> xr.Dataset:
@@ -125,3 +127,53 @@ def larger(rig: Rig, theta: float, name: str) -> tuple[Rig, float]:
     numbers = rig_numbers(rig) | {"theta": theta}
     numbers[name] *= 1.0 + STEP
     return rig_of(numbers), numbers["theta"]
+
+
+def pair(rig: Rig, theta: float, mu: np.ndarray) -> dict[str, np.ndarray]:
+    """Frequency and growth rate of the two modes that lock in first; NaN where they have left the band."""
+    followed = path(rig, theta, int(np.ceil(mu.max() / INTERVAL)))
+    modes = sliding_modes(rig, theta, mu, BAND)
+    frequency, growth = np.full((2, len(mu), 2), np.nan)
+    for m, near in enumerate(np.rint(mu / MU_STEP)):
+        if len(both := closest_two(modes, m, followed[int(near)])):
+            frequency[m], growth[m] = modes.frequency[m, both], modes.growth_rate[m, both]
+    return {"frequency": frequency, "growth_rate": growth}
+
+
+def lock_in(rig: Rig, theta: float) -> tuple[float, float, np.ndarray]:
+    """Coefficient of friction, frequency and both eigenvalues where the first two modes lock in."""
+    found = flutter_onsets(rig, theta, BAND, MU_MAX)
+    if not len(found.mu):
+        raise InputError(f"theta = {theta:g}: no two modes below {BAND:g} Hz lock in up to mu = {MU_MAX:g}")
+    frequency = float(found.frequency[0])
+    return float(found.mu[0]), frequency, np.full(2, complex((2.0 * np.pi * frequency) ** 2))
+
+
+@lru_cache(maxsize=8)
+def path(rig: Rig, theta: float, intervals: int) -> np.ndarray:
+    """The pair's eigenvalues lambda at multiples of MU_STEP, (mu, 2), over so many intervals or to its onset."""
+    onset, _, near = lock_in(rig, theta)
+    mu = MU_STEP * np.arange(round(max(intervals, np.ceil(onset / INTERVAL)) * INTERVAL / MU_STEP) + 1)
+    modes, start = sliding_modes(rig, theta, mu, BAND), int(np.abs(mu - onset).argmin())
+    followed = np.full((len(mu), 2), complex(np.nan, np.nan))
+    for way in (range(start, len(mu)), range(start - 1, -1, -1)):
+        for m in way:
+            if not len(both := closest_two(modes, m, near)):
+                break
+            near = followed[m] = modes.eigenvalue[m, both]
+        near = followed[start]
+    return followed
+
+
+def closest_two(modes: SlidingModes, m: int, near: np.ndarray) -> np.ndarray:
+    """The two modes at the m-th mu nearest to `near`; the lower, or of a conjugate pair the decaying first."""
+    coupled = np.nonzero(~modes.uncoupled[m] & np.isfinite(modes.frequency[m]))[0]
+    values = modes.eigenvalue[m, coupled]
+    cost = np.abs(values[:, None] - near[0]) + np.abs(values - near[1])
+    np.fill_diagonal(cost, np.inf)
+    if len(coupled) < 2 or not cost.min() <= 0.5 * np.abs(near).sum():
+        return coupled[:0]
+    both = coupled[list(np.unravel_index(cost.argmin(), cost.shape))]
+    values = modes.eigenvalue[m, both]
+    conjugate = np.abs(values.imag).max() > 1e-9 * np.abs(values).max()
+    return np.asarray(both[np.argsort((modes.growth_rate if conjugate else modes.frequency)[m, both])])

@@ -119,12 +119,7 @@ def _draw_curves(
 
 
 def _draw_planes(
-    done: xr.Dataset,
-    names: Sequence[str],
-    x: str,
-    others: Sequence[str],
-    title: str,
-    limits: Mapping[str, float],
+    done: xr.Dataset, names: Sequence[str], x: str, others: Sequence[str], title: str, limits: Mapping[str, float]
 ) -> figures.Figure:
     """Planes of the two longest parameters, a row for each quantity, a column for values of a third."""
     y, *rest = others

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+import fivcore
 from fivcore import CycleBranch, Rig, Scene, flutter_onsets, follow_cycle, limit_cycle, simulate
 from fivcore.cycles.branch import Place
 from studies import registry
 from studies.answering import summary
 from studies.asking.sweep import sweep_of
 from studies.gallery import cycles
-from studies.physics import branches
 from studies.physics import cycles as orbits
 from sweeps import InputError
 
@@ -45,15 +45,15 @@ def test_places_lie_on_their_branch_in_its_order():
     values = np.array([1.0, 2.0, 3.0, 2.5, 1.5])
     places = [Place(1.5, "slip vanishes"), Place(3.1, "fold"), Place(2.0, "stick vanishes")]
     branch = CycleBranch("mu", values, [], places, "no convergence beyond mu = 1.5")
-    found = [*branches.places_of(branch, (0.0, 4.0))]
+    found = [*orbits.places_of(branch, (0.0, 4.0))]
     assert found == [(1.5, "slip vanishes", 0), (3.1, "fold", 2), (2.0, "stick vanishes", 3),
                      (1.5, "end: no convergence", 4)]  # fmt: skip
 
 
 def test_places_are_spread():
-    assert branches.spread(np.arange(10, 21), 3) == [12, 15, 18]
-    assert branches.spread(np.array([4]), 3) == [4]
-    assert branches.spread(np.array([]), 3) == []
+    assert orbits.spread(np.arange(10, 21), 3) == [12, 15, 18]
+    assert orbits.spread(np.array([4]), 3) == [4]
+    assert orbits.spread(np.array([]), 3) == []
 
 
 @pytest.mark.parametrize(("values", "message"), [
@@ -91,7 +91,7 @@ def test_the_cycle_is_followed_to_the_damping_or_to_where_it_ends(monkeypatch, s
     monkeypatch.setattr(orbits, "limit_cycle", lambda *_, **__: stable)
     assert orbits.followed(scene, None, 3) == (stable, 1e-6)
     branch = follow_cycle(stable, "d2", 9.5e-7, most=3)
-    monkeypatch.setattr(orbits, "follow_cycle", lambda *_, **__: branch)
+    monkeypatch.setattr(fivcore, "follow_cycle", lambda *_, **__: branch)
     other = Scene(2e-3, 5.0, 0.12, 9.0, Rig(d2=1e-9))
     cycle, reached = orbits.followed(other, None, 3)
     assert cycle is None

@@ -9,7 +9,6 @@ from fivcore import Rig, Scene, simulate_many
 from studies import paper, registry
 from studies.answering import claims
 from studies.motion import regimes, run
-from studies.physics import lines
 from studies.physics import statements as rules
 from sweeps import InputError
 from tests import HOME, make_reference
@@ -153,8 +152,8 @@ def test_a_lines_height_is_over_the_median_around_it():
     power = np.where(frequency == 2600.0, 1e-4, np.where(np.abs(frequency - 2600.0) < 700.0, 1e-6, 1.0))
     point = xr.Dataset({"spectrum_vibrating": ("frequency", power)}, {"frequency": frequency})
     point = point.assign(dominant_frequency=2600.0, regime=KIND["irregular"])
-    assert lines.line_height(point) == pytest.approx(20.0)
-    assert np.isnan(lines.line_height(point.assign(regime=KIND["stuck"])))
+    assert regimes.line_height(point) == pytest.approx(20.0)
+    assert np.isnan(regimes.line_height(point.assign(regime=KIND["stuck"])))
 
 
 def test_no_run_writes_among_the_results_of_the_identified_damping():

@@ -9,8 +9,8 @@ from fivcore import Rig, flutter_onsets, onset_curves, sliding_modes
 from studies import paper, registry, runner
 from studies.answering import claims, summary
 from studies.declaring.spec import evenly
-from studies.gallery import stability as plane_study
 from studies.motion.stability import first_growth, largest_growth
+from studies.physics import onsets as plane_study
 from tests.helpers.examples import examples
 from tests.helpers.rigs import frictions, workshop_rig
 
