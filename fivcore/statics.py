@@ -6,15 +6,15 @@ Problems, 1974, chapter 23). Rigid motions are held by springs that the iteratio
 nothing (proximal point; Rockafellar, SIAM J. Control Optim. 14, 1976, 877-898). Then the contacts that were found
 are solved exactly.
 
-In steady sliding T = mu N pushes, too. The problem is no longer symmetric, and may have no solution or several: up to
-ALL_SETS contacts all sets of closed ones are compared, beyond that contacts that pull are opened and those that
+In steady sliding T = mu N pushes, too. The problem is no longer symmetric, and may have no solution or several: up
+to ALL_SETS contacts all sets of closed ones are compared, beyond that contacts that pull are opened and those that
 overlap are closed, all at once and then one by one (Murty, Linear Algebra Appl. 7, 1974, 65-108).
 """
 
 from __future__ import annotations
 
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
@@ -26,8 +26,8 @@ from fivcore.jit import Array
 ROUNDING, ITERATIONS = 1e-9, 500
 # Springs of rigid motions, in units of what the load needs to move them as far as all else.
 SOFT = 1e-2
-# As many contacts are compared in all sets, and behind the search sets of so many closed ones. Springs of a trial at
-# contacts and at rigid motions, in units of the others'; share of forces and gaps of a trial that may be wrong.
+# As many contacts are compared in all sets, and behind the search sets of so many closed ones. Springs of a trial
+# at contacts and at rigid motions, in units of the others'; share of forces and gaps of a trial that may be wrong.
 ALL_SETS, FEW, CONTACT_SPRING, RIGID_SPRING, TRIAL = 8, 4, 1e-12, 1e-8, 1e-6
 # A gap in steady sliding that is rounding, so that contacts in one place share their force.
 TOUCHING = 1e-12
@@ -113,11 +113,11 @@ def resting(stiffness: Array, normal: Array, load: Array, gap: Array) -> tuple[A
 def sliding(stiffness: Array, normal: Array, push: Array, load: Array, gap: Array) -> list[tuple[Array, Array]]:
     """All normal forces, N, and gaps, m, each (c,), that balance in steady sliding; none where the contacts jam.
 
-    Parameters as of `resting`, and `push`, (c, n), by which the modes answer to the normal forces and their friction.
+    Parameters as of `resting`, and `push`, (c, n), by which modes answer to normal forces and their friction.
     Beyond ALL_SETS contacts at most one is found.
     """
     problem, c, found = _problem(stiffness, normal, push, load, gap), len(gap), list[tuple[Array, Array]]()
-    sets = (np.arange(2**c)[:, None] >> np.arange(c)) % 2 == 1 if c <= ALL_SETS else _searched(problem)
+    sets: Any = (np.arange(2**c)[:, None] >> np.arange(c)) % 2 == 1 if c <= ALL_SETS else _searched(problem)
     if c > ALL_SETS and _closed(problem, sets[0]) is None:
         places = [each for count in range(FEW + 1) for each in combinations(range(c), count)]
         sets = np.array([np.isin(np.arange(c), each) for each in places])
@@ -131,9 +131,7 @@ def sliding(stiffness: Array, normal: Array, push: Array, load: Array, gap: Arra
     return found[: None if c <= ALL_SETS else 1]
 
 
-def sliding_forces(
-    stiffness: Array, normal: Array, push: Array, load: Array, gap: Array, closed: Array
-) -> Array:
+def sliding_forces(stiffness: Array, normal: Array, push: Array, load: Array, gap: Array, closed: Any) -> Array:
     """Normal forces, N, (c,), that keep these contacts closed in steady sliding, whether or not they pull."""
     return _solved(_problem(stiffness, normal, push, load, gap), closed)[0]
 

@@ -17,8 +17,8 @@ without a maximum of that rate beside it, is overlooked.
 
 Where other contacts close along mu, all exponents jump. Such places are halved to rounding, onsets are counted in
 each piece between them, and where more modes grow beyond a place than before it, it is an onset itself. A set of
-closed contacts that is there for less than a cell may be overlooked. The search ends where steady sliding does: where
-the contacts jam, or may be closed in more than one way.
+closed contacts that is there for less than a cell may be overlooked. The search ends where steady sliding does:
+where the contacts jam, or may be closed in more than one way.
 """
 
 from __future__ import annotations
@@ -45,9 +45,10 @@ from fivcore.structure import Structure
 # a share of it; growth that is rounding without damping, as a share of |phi|; modes for each row that replace far
 # ones.
 CELLS, SHORTEST_CELL, FLAT, NEUTRAL, BLOCKS = 96, 1e-6, 1e-6, 1e-7, 3
-# A change of closed contacts is halved to the former share of a parameter's range; which contacts follow is asked the
-# latter ahead, as rounding decides at the place itself. Before steady sliding ends, a share of the last piece is left,
-# since forces become infinite. Most pieces; share of mu by which contacts differ before and after such an onset.
+# A change of closed contacts is halved to the former share of a parameter's range; which contacts follow is asked
+# the latter ahead, as rounding decides at the place itself. Before steady sliding ends, a share of the last piece
+# is left, since forces become infinite. Most pieces; share of mu by which contacts differ before and after such an
+# onset.
 CHANGE, AHEAD, END, MOST_PIECES, ASIDE = 1e-13, 1e-8, 1e-6, 500, 1e-6
 # Real shift at which all is inverted.
 SHIFT = 1.3
@@ -191,7 +192,7 @@ def sliding_points(
 
 
 def exponents_at(own: Structure, fmax: float, friction: Friction) -> Callable[..., Complex]:
-    """The exponents, in units of 2 pi fmax, as a function of mu, V, m/s, and F, N, and the contacts that are closed.
+    """The exponents, in units of 2 pi fmax, as a function of mu, V, m/s, and F, N, and of the closed contacts.
 
     Without the last these are those of steady sliding.
     """
@@ -320,6 +321,10 @@ def pieces_of(
     return pieces, np.nan
 
 
+def _with(at: Callable[[float, Closed], Complex], closed: Closed, value: float) -> Complex:
+    return at(value, closed)
+
+
 def crossings_in_pieces(
     at: Callable[[float, Closed], Complex], closed_at: Callable[[float], Closed], grid: list[float]
 ) -> tuple[list[Any], list[Any], list[float], float]:
@@ -327,7 +332,7 @@ def crossings_in_pieces(
     (pieces, end), before = pieces_of(closed_at, grid), np.empty(0, dtype=complex)
     onsets, recoveries, entries, divergence = list[Any](), list[Any](), list[float](), end
     for place, (closed, values) in enumerate(pieces):
-        found = crossings(partial(at, closed=closed), values)
+        found = crossings(partial(_with, at, closed), values)
         first, last = (_moving(at(value, closed)) for value in (values[0], values[-1]))
         first, last = first[first.real > 0.0], last[last.real > 0.0]
         if place:
