@@ -5,9 +5,16 @@ of a polyhedron next to another, which nonnegative least squares finds (Lawson a
 Problems, 1974, chapter 23). Rigid motions are held by springs that the iteration moves along until they bear
 nothing (proximal point; Rockafellar, SIAM J. Control Optim. 14, 1976, 877-898). Then the contacts that were found
 are solved exactly.
+
+In steady sliding T = mu N pushes, too. The problem is no longer symmetric, and may have no solution or several: up
+to ALL_SETS contacts all sets of closed ones are compared, beyond that contacts that pull are opened and those that
+overlap are closed, all at once and then one by one (Murty, Linear Algebra Appl. 7, 1974, 65-108).
 """
 
 from __future__ import annotations
+
+from itertools import combinations
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
@@ -19,6 +26,50 @@ from fivcore.jit import Array
 ROUNDING, ITERATIONS = 1e-9, 500
 # Springs of rigid motions, in units of what the load needs to move them as far as all else.
 SOFT = 1e-2
+# As many contacts are compared in all sets, and behind the search sets of so many closed ones. Springs of a trial
+# at contacts and at rigid motions, in units of the others'; share of forces and gaps of a trial that may be wrong.
+ALL_SETS, FEW, CONTACT_SPRING, RIGID_SPRING, TRIAL = 8, 4, 1e-12, 1e-8, 1e-6
+# A gap in steady sliding that is rounding, so that contacts in one place share their force.
+TOUCHING = 1e-12
+
+
+class _Problem(NamedTuple):
+    """Gaps = free + compliance N + held x, and pushed^T N + moved = 0 on rigid motions x."""
+
+    compliance: Array
+    held: Array
+    pushed: Array
+    free: Array
+    moved: Array
+
+    @property
+    def scale(self) -> Array:
+        """Units, (c + r,), in which compliance and rigid motions are of order 1."""
+        unit = float(np.abs(self.compliance).max(initial=0.0)) or 1.0
+        rigid = unit**0.5 / (np.abs(self.held).max(initial=0.0) or 1.0)
+        return np.repeat([unit**-0.5, rigid], self.held.shape)
+
+    def system(self) -> tuple[Array, Array]:
+        """Matrix and right side for all contacts closed."""
+        r = self.held.shape[1]
+        matrix = np.block([[self.compliance, self.held], [self.pushed.T, np.zeros((r, r))]])
+        return matrix, -np.append(self.free, self.moved)
+
+    def part(self, closed: Array) -> _Problem:
+        """The problem of some contacts, (c,) of bool."""
+        compliance = self.compliance[np.ix_(closed, closed)]
+        return _Problem(compliance, self.held[closed], self.pushed[closed], self.free[closed], self.moved)
+
+    def size(self, forces: Array) -> Array:
+        """Size, (...), of what adds up to the gaps."""
+        opened = np.abs(np.abs(forces) @ self.compliance.T).max(axis=-1, initial=0.0)
+        return np.asarray(np.abs(self.free).max() + opened)
+
+
+def _problem(stiffness: Array, normal: Array, push: Array, load: Array, gap: Array) -> _Problem:
+    rigid = stiffness == 0.0
+    soft = normal / np.where(rigid, np.inf, stiffness)
+    return _Problem(soft @ push.T, normal[:, rigid], push[:, rigid], gap + soft @ load, load[rigid])
 
 
 def resting(stiffness: Array, normal: Array, load: Array, gap: Array) -> tuple[Array, Array]:
@@ -36,12 +87,10 @@ def resting(stiffness: Array, normal: Array, load: Array, gap: Array) -> tuple[A
     ValueError
         Where the load moves the structure away, or turns it over the contacts.
     """
-    rigid = stiffness == 0.0
-    soft = 1.0 / np.where(rigid, np.inf, stiffness)
-    held, moved = normal[:, rigid], load[rigid]
+    rigid, problem = stiffness == 0.0, _problem(stiffness, normal, normal, load, gap)
+    compliance, held, _, free, moved = problem
     if len(moved) and nnls(held.T, -moved)[1] > ROUNDING * np.abs(load).max():
         raise InputError("load: with it the structure moves away or turns over, and no contact forces hold it")
-    compliance, free = (normal * soft) @ normal.T, gap + normal @ (soft * load)
     # So soft that the load moves a rigid body further than gaps and elastic modes are wide, but seen beside them.
     wide = float(np.abs(free).max() + np.trace(compliance) * np.abs(load).max()) or 1.0
     unit = SOFT * float(np.abs(held).max(initial=0.0) * np.abs(moved).max(initial=0.0)) / wide or 1.0
@@ -55,38 +104,89 @@ def resting(stiffness: Array, normal: Array, load: Array, gap: Array) -> tuple[A
         dual = nnls(np.vstack([shapes.T / length, opening / size]), np.eye(1, len(load) + 1, len(load))[0])[0]
         N = dual / max(1.0 - float(dual @ opening) / size, 1e-300) * size / length**2
         q = still + (normal.T @ N) / springs
-        found = _closed(compliance, held, free, moved, ROUNDING * N.max(initial=0.0) < N)
+        found = _settled(problem, ROUNDING * N.max(initial=0.0) < N)
         if found is not None:
-            # What touches without a force may share one.
-            touching = found[1] <= ROUNDING * (np.abs(free).max() + np.abs(compliance @ found[0]).max(initial=0.0))
-            return _closed(compliance, held, free, moved, touching) or found
+            return found
     raise InputError("load: the contacts that it closes are not found; check load, normal and gap")
 
 
-def _closed(
-    compliance: Array, held: Array, free: Array, moved: Array, closed: Array
-) -> tuple[Array, Array] | None:
+def sliding(stiffness: Array, normal: Array, push: Array, load: Array, gap: Array) -> list[tuple[Array, Array]]:
+    """All normal forces, N, and gaps, m, each (c,), that balance in steady sliding; none where the contacts jam.
+
+    Parameters as of `resting`, and `push`, (c, n), by which modes answer to normal forces and their friction.
+    Beyond ALL_SETS contacts at most one is found.
+    """
+    problem, c, found = _problem(stiffness, normal, push, load, gap), len(gap), list[tuple[Array, Array]]()
+    sets: Any = (np.arange(2**c)[:, None] >> np.arange(c)) % 2 == 1 if c <= ALL_SETS else _searched(problem)
+    if c > ALL_SETS and _closed(problem, sets[0]) is None:
+        places = [each for count in range(FEW + 1) for each in combinations(range(c), count)]
+        sets = np.array([np.isin(np.arange(c), each) for each in places])
+    forces, gaps = _trials(problem, sets)
+    wrong = TRIAL * np.abs(forces).max(axis=1, keepdims=True), TRIAL * problem.size(forces)[:, None]
+    for closed in sets[np.all((forces >= -wrong[0]) & (sets | (gaps >= -wrong[1])), axis=1)]:
+        one = _settled(problem, closed, TOUCHING)
+        # Contacts that share a force in many ways are in balance in one.
+        if one and not any(np.abs(one[1] - gaps).max() <= TRIAL * problem.size(one[0]) for _, gaps in found):
+            found.append(one)
+    return found[: None if c <= ALL_SETS else 1]
+
+
+def sliding_forces(stiffness: Array, normal: Array, push: Array, load: Array, gap: Array, closed: Any) -> Array:
+    """Normal forces, N, (c,), that keep these contacts closed in steady sliding, whether or not they pull."""
+    return _solved(_problem(stiffness, normal, push, load, gap), closed)[0]
+
+
+def _trials(problem: _Problem, sets: Array) -> tuple[Array, Array]:
+    """Forces and gaps, (k, c), with soft springs, for sets of closed contacts, (k, c)."""
+    (c, r), scale, (matrix, right) = problem.held.shape, problem.scale, problem.system()
+    matrix = scale[:, None] * matrix * scale + np.diag(np.repeat([CONTACT_SPRING, -RIGID_SPRING], [c, r]))
+    there = np.hstack([sets, np.ones((len(sets), r), dtype=bool)])
+    matrices = np.where(there[:, :, None] & there[:, None], matrix, 0.0) + ~there[:, None] * np.eye(c + r)
+    solved = scale * np.linalg.solve(matrices, np.where(there, scale * right, 0.0)[..., None])[..., 0]
+    forces = solved[:, :c]
+    return forces, problem.free + forces @ problem.compliance.T + solved[:, c:] @ problem.held.T
+
+
+def _searched(problem: _Problem) -> Array:
+    """One set of contacts, (1, c), of which none pulls while the others do not overlap, unless it is not found."""
+    closed = np.ones((1, len(problem.free)), dtype=bool)
+    for k in range(ITERATIONS):
+        forces, gaps = _trials(problem, closed)
+        wrong = np.where(closed, forces < 0.0, gaps < 0.0)
+        if not wrong.any():
+            break
+        # All at once may turn in circles.
+        closed = closed ^ (wrong if k < len(problem.free) else wrong & (wrong.cumsum() == 1))
+    return closed
+
+
+def _settled(problem: _Problem, closed: Array, rounding: float = ROUNDING) -> tuple[Array, Array] | None:
+    """`_closed`, with all contacts that touch, up to a share of the gaps."""
+    found = _closed(problem, closed)
+    if found is None:
+        return None
+    # What touches without a force may share one.
+    opened = np.abs(problem.compliance @ found[0]).max(initial=0.0)
+    return _closed(problem, found[1] <= rounding * (np.abs(problem.free).max() + opened)) or found
+
+
+def _closed(problem: _Problem, closed: Array) -> tuple[Array, Array] | None:
     """Forces and gaps with these contacts closed, if none of the former pulls and none of the latter overlaps."""
-    c, r = int(closed.sum()), held.shape[1]
-    system = np.zeros((c + r, c + r))
-    system[:c, :c], system[:c, c:], system[c:, :c] = (
-        compliance[np.ix_(closed, closed)],
-        held[closed],
-        held[closed].T,
-    )
-    # In units in which compliance and rigid motions are of order 1.
-    unit = float(np.abs(system[:c, :c]).max(initial=0.0)) or 1.0
-    scale = np.repeat([unit**-0.5, unit**0.5 / (np.abs(system[:c, c:]).max(initial=0.0) or 1.0)], [c, r])
-    # Where contacts share a force in many ways, that with the least squares of all.
-    system, right = scale[:, None] * system * scale, scale * np.append(-free[closed], -moved)
-    solved = np.linalg.lstsq(system, right, rcond=1e-12)[0]
-    held_at_rest = np.abs(system @ solved - right).max(initial=0.0) <= ROUNDING * np.abs(right).max(initial=0.0)
-    solved *= scale
-    forces = np.zeros(len(free))
-    forces[closed] = solved[:c]
-    gaps = free + compliance @ forces + held @ solved[c:]
-    gaps[closed] = 0.0
-    size = float(np.abs(free).max() + np.abs(compliance @ np.abs(forces)).max(initial=0.0))
-    if not held_at_rest or forces.min(initial=0.0) < 0.0 or gaps.min(initial=0.0) < -ROUNDING * size:
+    forces, gaps, balanced = _solved(problem, closed)
+    if not balanced or forces.min(initial=0.0) < 0.0 or gaps.min() < -ROUNDING * problem.size(forces):
         return None
     return forces, gaps
+
+
+def _solved(problem: _Problem, closed: Array) -> tuple[Array, Array, bool]:
+    """Forces and gaps with these contacts closed, and whether they balance the load."""
+    part = problem.part(closed)
+    scale, (system, right), forces = part.scale, part.system(), np.zeros(len(closed))
+    # Where contacts share a force in many ways, that with the least squares of all.
+    system, right = scale[:, None] * system * scale, scale * right
+    solved = np.linalg.lstsq(system, right, rcond=1e-12)[0]
+    balanced = np.abs(system @ solved - right).max(initial=0.0) <= ROUNDING * np.abs(right).max(initial=0.0)
+    forces[closed], rigid = np.split(scale * solved, [len(part.free)])
+    gaps = problem.free + problem.compliance @ forces + problem.held @ rigid
+    gaps[closed] = 0.0
+    return forces, gaps, bool(balanced)

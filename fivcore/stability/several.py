@@ -1,6 +1,7 @@
 """Stability of steady sliding with several contacts: exponents by a dense form, onsets by counting and following.
 
-Of the contacts that the load closes, c rows n and t, forces N' leave n q = 0, and T' = D N' + k t q', D the
+Of the contacts that are closed in steady sliding (`statics.sliding`: friction tilts a body, so that they need not
+be those that the load closes at rest), c rows n and t, forces N' leave n q = 0, and T' = D N' + k t q', D the
 friction of each and k, N s/m, by how much it falls with the speed:
 
     (p + c phi + phi^2) q = (n^T + t^T D) N' + phi t^T k t q,    n q = 0
@@ -13,6 +14,11 @@ Onsets are where the number of growing exponents changes along mu. They are coun
 more or fewer grows, that exponent is followed to the zero of its growth rate, and where several do, the cell is
 halved; the largest negative rate is followed to a maximum between the values. What grows within less than a cell,
 without a maximum of that rate beside it, is overlooked.
+
+Where other contacts close along mu, all exponents jump. Such places are halved to rounding, onsets are counted in
+each piece between them, and where more modes grow beyond a place than before it, it is an onset itself. A set of
+closed contacts that is there for less than a cell may be overlooked. The search ends where steady sliding does:
+where the contacts jam, or may be closed in more than one way.
 """
 
 from __future__ import annotations
@@ -28,18 +34,27 @@ from scipy.optimize import brentq, minimize_scalar
 
 from fivcore.beams.modes import EPS
 from fivcore.contact.compression import FAR, compressed
-from fivcore.errors import InputError
-from fivcore.friction import Friction
+from fivcore.errors import InputError, UnsolvedError
+from fivcore.friction import COULOMB, Friction
 from fivcore.jit import Array, Complex
 from fivcore.stability.exponents import LARGEST_PHI, eigenvalues, pair
+from fivcore.statics import sliding, sliding_forces
 from fivcore.structure import Structure
 
 # Cells of mu, and the shortest to which one is halved, as a share of mu_max; change of a rate that is rounding, as
 # a share of it; growth that is rounding without damping, as a share of |phi|; modes for each row that replace far
 # ones.
 CELLS, SHORTEST_CELL, FLAT, NEUTRAL, BLOCKS = 96, 1e-6, 1e-6, 1e-7, 3
+# A change of closed contacts is halved to the former share of a parameter's range; which contacts follow is asked
+# the latter ahead, as rounding decides at the place itself. Before steady sliding ends, a share of the last piece
+# is left, since forces become infinite. Most pieces; share of mu by which contacts differ before and after such an
+# onset.
+CHANGE, AHEAD, END, MOST_PIECES, ASIDE = 1e-13, 1e-8, 1e-6, 500, 1e-6
 # Real shift at which all is inverted.
 SHIFT = 1.3
+
+# Numbers of the contacts that are closed, ascending, from 0.
+Closed = tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,13 +125,16 @@ class SlidingContacts:
         return np.asarray(d * (push @ np.linalg.svd((n * d) @ push)[2][-1].conj()))
 
 
-def sliding_contacts(own: Structure, fmax: float, F: float | None = None, whole: bool = False) -> SlidingContacts:
-    """The contacts of a structure that the load F, N, closes; `whole` keeps all modes as they are."""
-    if F is None and own.gap.any():
-        raise InputError("F is missing: with initial gaps it decides which contacts are closed; give F (N)")
-    closed = own.equilibrium(F or 1.0)[0] > 0.0
+def push(own: Structure, mu: float) -> Array:
+    """How the modes answer to normal forces and their friction, (c, n)."""
+    return np.asarray(own.normal + (mu * own.friction)[:, None] * own.tangential)
+
+
+def sliding_contacts(own: Structure, fmax: float, closed: Closed, whole: bool = False) -> SlidingContacts:
+    """The contacts of a structure that are closed; `whole` keeps all modes as they are."""
+    places = list(closed)
     omega = 2.0 * np.pi * fmax
-    rows = np.vstack([own.normal[closed], own.tangential[closed]]) / omega
+    rows = np.vstack([own.normal[places], own.tangential[places]]) / omega
     rayleigh = None if own.rayleigh is None else (own.d1 / omega, own.d2 * omega)
     p, c = own.stiffness / omega**2, own.damping / omega
     if rayleigh:
@@ -124,48 +142,65 @@ def sliding_contacts(own: Structure, fmax: float, F: float | None = None, whole:
     if rayleigh and not whole:
         p, c, rows = compressed(p, c, rows, p > FAR, BLOCKS)
     normal, tangential = np.split(rows, 2)
-    return SlidingContacts(omega, p, c, normal, tangential, own.friction[closed], rayleigh)
+    return SlidingContacts(omega, p, c, normal, tangential, own.friction[places], rayleigh)
 
 
-def steady_forces(own: Structure, mu: float, F: float) -> Array:
-    """Normal forces, N, (c,), in steady sliding with friction mu, of the contacts that the load F, N, closes.
+def steady_forces(own: Structure, mu: float, F: float | None = None) -> Array:
+    """Normal forces, N, (c,), in steady sliding with friction mu under the load F, N; 0: the contact is open.
 
     Raises
     ------
     ValueError
-        Where one of them would pull.
+        Where there is no steady sliding or more than one: it names the least mu at which that is so.
     """
-    closed = own.equilibrium(F)[0] > 0.0
-    n, t, load, rigid = own.normal[closed], own.tangential[closed], F * own.load, own.stiffness == 0.0
-    push, soft = n + (mu * own.friction[closed])[:, None] * t, 1.0 / np.where(rigid, np.inf, own.stiffness)
-    c, r = len(n), int(rigid.sum())
-    unit = np.abs((n * soft) @ push.T).max() or 1.0
-    system = np.block([[(n * soft) @ push.T / unit, n[:, rigid]], [push[:, rigid].T, np.zeros((r, r))]])
-    right = np.append(-(own.gap[closed] + n @ (soft * load)) / unit, -load[rigid])
-    forces = np.linalg.lstsq(system, right, rcond=1e-13)[0][:c]
-    if (least := int(forces.argmin())) >= 0 and not forces[least] > 0.0:
-        place = int(np.flatnonzero(closed)[least])
-        raise InputError(f"mu = {mu:g}: contact {place}, from 0, is closed at rest and opens or jams as it slides")
-    return np.asarray(forces)
+    if F is None and own.gap.any():
+        raise InputError("F is missing: with initial gaps it decides which contacts are closed; give F (N)")
+
+    def found(mu: float) -> list[tuple[Array, Array]]:
+        return sliding(own.stiffness, own.normal, push(own, mu), (1.0 if F is None else F) * own.load, own.gap)
+
+    balanced = found(mu)
+    if len(balanced) == 1 and balanced[0][0].any():
+        return balanced[0][0]
+    own.equilibrium(1.0 if F is None else F)
+    low, high = 0.0, mu
+    while low < (middle := 0.5 * (low + high)) < high:
+        one = found(middle)
+        low, high = (middle, high) if len(one) == 1 and one[0][0].any() else (low, middle)
+    ways = " or ".join(str(np.flatnonzero(forces).tolist()) for forces, _ in balanced)
+    what = f"{ways} of the contacts, from 0, may be closed" if ways else "the contacts jam, and none exists"
+    raise InputError(f"mu = {mu:g}: no unique steady sliding from mu = {high:.6g} on: {what}")
+
+
+def closed_contacts(
+    own: Structure, friction: Friction, mu: float, V: float | None = None, F: float | None = None
+) -> Closed:
+    """Numbers of the contacts that are closed in steady sliding."""
+    return tuple(np.flatnonzero(steady_forces(own, mu * friction.ratio(V or 0.0), F)).tolist())
 
 
 def sliding_points(
-    own: Structure, friction: Friction, mu: float, V: float, F: float
+    own: Structure, friction: Friction, closed: Closed, mu: float, V: float | None, F: float | None
 ) -> tuple[float, Array | None]:
-    """Friction mu(V), and by how much that of each contact falls, k, (c,), N s/m; None where it does not."""
+    """Friction mu(V), and by how much that of each closed contact falls, k, N s/m; None where it does not."""
+    m, places = mu * friction.ratio(V or 0.0), list(closed)
     if friction.constant:
-        return mu * friction.kinetic_ratio, None
-    m, factors = mu * friction.ratio(V), own.friction[own.equilibrium(F)[0] > 0.0]
-    return m, -mu * friction.slope(V) * factors * steady_forces(own, m, F)
+        return m, None
+    there = np.isin(np.arange(own.contacts), places)
+    forces = sliding_forces(own.stiffness, own.normal, push(own, m), (F or 1.0) * own.load, own.gap, there)
+    return m, -mu * friction.slope(V or 0.0) * (own.friction * forces)[places]
 
 
 def exponents_at(own: Structure, fmax: float, friction: Friction) -> Callable[..., Complex]:
-    """The exponents, in units of 2 pi fmax, as a function of mu, V, m/s, and F, N."""
+    """The exponents, in units of 2 pi fmax, as a function of mu, V, m/s, and F, N, and of the closed contacts.
+
+    Without the last these are those of steady sliding.
+    """
     contacts = lru_cache(maxsize=8)(partial(sliding_contacts, own, fmax))
 
-    def at(mu: float, V: float | None, F: float | None) -> Complex:
-        point = sliding_points(own, friction, mu, V or 0.0, F or 1.0)
-        return contacts(F if own.gap.any() else None).exponents(*point)
+    def at(mu: float, V: float | None, F: float | None, closed: Closed | None = None) -> Complex:
+        closed = closed or closed_contacts(own, friction, mu, V, F)
+        return contacts(closed).exponents(*sliding_points(own, friction, closed, mu, V, F))
 
     return at
 
@@ -174,8 +209,9 @@ def shape_of_several(
     own: Any, fmax: float, phi: complex, friction: Friction, mu: float, V: float | None, F: float | None
 ) -> Complex:
     """Modal coordinates of an exponent, 1/s, of a structure with several contacts, (n,)."""
-    contacts = sliding_contacts(own, fmax, F, whole=True)
-    return contacts.shape(phi / contacts.omega, *sliding_points(own, friction, mu, V or 0.0, F or 1.0))
+    closed = closed_contacts(own, friction, mu, V, F)
+    contacts = sliding_contacts(own, fmax, closed, whole=True)
+    return contacts.shape(phi / contacts.omega, *sliding_points(own, friction, closed, mu, V, F))
 
 
 def crossings(
@@ -188,10 +224,9 @@ def crossings(
 
     @cache
     def modes(mu: float) -> tuple[Array, Complex, int]:
-        """Growth rates of oscillating modes, the largest first, the modes, and the number of real growing ones."""
+        """Growth rates of oscillating modes, the modes, and the number of real growing ones."""
         phi = at(mu)
-        moving = phi[phi.imag > 0.0]
-        moving = moving[np.argsort(-moving.real)]
+        moving = _moving(phi)
         return moving.real, moving, int(np.sum((phi.imag == 0.0) & (phi.real > 0.0)))
 
     def rate(mu: float, place: int) -> float:
@@ -244,14 +279,78 @@ def crossings(
     return sorted(onsets), sorted(recoveries), sorted(entries), divergence
 
 
+def _moving(phi: Complex) -> Complex:
+    """Exponents that oscillate, the largest growth rate first."""
+    moving = phi[phi.imag > 0.0]
+    return np.asarray(moving[np.argsort(-moving.real)])
+
+
+def pieces_of(
+    closed_at: Callable[[float], Closed], grid: list[float]
+) -> tuple[list[tuple[Closed, list[float]]], float]:
+    """The grid in pieces with the contacts that are closed in each, and where steady sliding ends, or NaN."""
+
+    def closed(value: float) -> Closed | None:
+        try:
+            return closed_at(value)
+        except InputError:
+            return None
+
+    pieces = [(closed_at(grid[0]), grid[:1])]
+    for value in grid[1:]:
+        while closed(value) != pieces[-1][0]:
+            here, values = pieces[-1]
+            low, high = values[-1], value
+            while high - low > CHANGE * grid[-1] and low < (middle := 0.5 * (low + high)) < high:
+                low, high = (middle, high) if closed(middle) == here else (low, middle)
+            there, start = closed(ahead := min(high + AHEAD * grid[-1], value)), values[-1]
+            if there is None:
+                values += [low - END * (low - start)] if low > start else []
+                return pieces, high
+            values += [low] if low > start else []
+            if there == here:
+                values.append(ahead)
+            else:
+                pieces.append((there, [high, ahead] if high < ahead < value else [high]))
+            if len(pieces) > MOST_PIECES:
+                raise UnsolvedError(f"closed contacts change more than {MOST_PIECES} times up to {high:g}")
+            if ahead == value:
+                break
+        if value > pieces[-1][1][-1]:
+            pieces[-1][1].append(value)
+    return pieces, np.nan
+
+
+def _with(at: Callable[[float, Closed], Complex], closed: Closed, value: float) -> Complex:
+    return at(value, closed)
+
+
+def crossings_in_pieces(
+    at: Callable[[float, Closed], Complex], closed_at: Callable[[float], Closed], grid: list[float]
+) -> tuple[list[Any], list[Any], list[float], float]:
+    """`crossings` where the contacts that are closed change along the parameter; it diverges where it ends."""
+    (pieces, end), before = pieces_of(closed_at, grid), np.empty(0, dtype=complex)
+    onsets, recoveries, entries, divergence = list[Any](), list[Any](), list[float](), end
+    for place, (closed, values) in enumerate(pieces):
+        found = crossings(partial(_with, at, closed), values)
+        first, last = (_moving(at(value, closed)) for value in (values[0], values[-1]))
+        first, last = first[first.real > 0.0], last[last.real > 0.0]
+        if place:
+            onsets += [(values[0], float(phi.imag)) for phi in first[len(before) :]]
+            recoveries += [(values[0], float(phi.imag)) for phi in before[len(first) :]]
+        before, onsets, recoveries = last, onsets + found[0], recoveries + found[1]
+        entries, divergence = entries + found[2], float(np.fmin(divergence, found[3]))
+    return sorted(onsets), sorted(recoveries), sorted(entries), divergence
+
+
 def onsets_of_several(
     own: Structure, fmax: float, mu_max: float, friction: Friction, V: Any, F: Any
 ) -> tuple[Array, Array, Array, Array, Array, float]:
     """Onsets and recoveries, mu and Hz each, entries and divergence, of a structure with several contacts."""
-    at, given = exponents_at(own, fmax, friction), [None if each is None else float(each) for each in (V, F)]
+    given = dict(zip("VF", [None if each is None else float(each) for each in (V, F)], strict=True))
     grid = np.linspace(0.0, mu_max, CELLS + 1).tolist()
-    onsets, recoveries, entries, divergence = crossings(lambda mu: at(mu, *given), grid)
-    tables = [np.array(each).reshape(-1, 2) * [1.0, fmax] for each in (onsets, recoveries)]
+    *found, entries, divergence = _along(own, fmax, friction, given, "mu", grid)
+    tables = [np.array(each).reshape(-1, 2) * [1.0, fmax] for each in found]
     return *(column.copy() for table in tables for column in table.T), np.array(entries), divergence
 
 
@@ -259,11 +358,22 @@ def onsets_along(
     own: Structure, fmax: float, friction: Friction, values: dict[str, float], name: str, low: float, high: float
 ) -> Array:
     """`falling.falling_crossings` of a structure with several contacts: value, frequency over fmax, 1 or -1."""
-    at = exponents_at(own, fmax, friction)
     grid = np.geomspace(low, high, CELLS + 1) if low > 0.0 else np.linspace(low, high, CELLS + 1)
-    onsets, recoveries, *_ = crossings(lambda value: at(**values | {name: value}), grid.tolist())
+    onsets, recoveries, *_ = _along(own, fmax, friction, values, name, grid.tolist())
     found = [(*each, sign) for each, sign in [(each, 1) for each in onsets] + [(each, -1) for each in recoveries]]
     return np.array(sorted(found)).reshape(-1, 3)
+
+
+def _along(
+    own: Structure, fmax: float, friction: Friction, values: dict[str, Any], name: str, grid: list[float]
+) -> Any:
+    """`crossings_in_pieces` along one of mu, V and F."""
+    at = exponents_at(own, fmax, friction)
+    return crossings_in_pieces(
+        lambda value, closed: at(**values | {name: value}, closed=closed),
+        lambda value: closed_contacts(own, friction, **values | {name: value}),
+        grid,
+    )
 
 
 def sides(own: Structure, soft: Any, mu: float) -> tuple[Any, Any, Any, Any, Any]:
@@ -271,13 +381,14 @@ def sides(own: Structure, soft: Any, mu: float) -> tuple[Any, Any, Any, Any, Any
 
     `soft` are the modes' responses 1 / (p + c phi + phi^2). Both change as normal and tangential directions turn,
     in the first two of what follows; the force changes with mu, in the last. With several contacts, those that are
-    closed, it is the combination of gaps that hardly answers to a combination of forces.
+    closed, it is the combination of gaps that hardly answers to a combination of forces; NaN where others close.
     """
     if own.gap is None:
         n, t = own.normal, own.tangential
         return n, n + mu * t, -t, mu * n - t, t
-    contacts = sliding_contacts(own, 1.0 / (2.0 * np.pi), whole=True)
+    before, closed = (closed_contacts(own, COULOMB, mu * (1.0 + side * ASIDE)) for side in (-1, 1))
+    contacts = sliding_contacts(own, 1.0 / (2.0 * np.pi), closed, whole=True)
     n, t, factors = contacts.normal, contacts.tangential, contacts.friction[:, None]
     left, _, right = np.linalg.svd((n * soft) @ (n + mu * factors * t).T)
-    gap, force = left[:, -1].conj(), right[-1].conj()
+    gap, force = left[:, -1].conj() * (1.0 if before == closed else np.nan), right[-1].conj()
     return gap @ n, force @ (n + mu * factors * t), -gap @ t, force @ (mu * factors * n - t), force @ (factors * t)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
-from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
-from fivcore import Rig, Scene, Structure, checks, on_foot, reduced_model
+from fivcore import InputError, Rig, Scene, Structure, checks, flutter_onsets, on_foot, reduced_model
+from fivcore.stability.several import steady_forces
 from studies.declaring import labels
 from studies.declaring.spec import evenly
 from studies.motion import ensemble, mixed
@@ -38,9 +38,7 @@ OUTPUTS |= {
     f"{name}_std": (unit, f"standard deviation over realisations of the {name.replace('_', ' ')}")
     for name, unit in zip(STATISTICS, ("1", "1", "m s-1"), strict=True)
 }
-# The onset is sought on this grid, and by halving between two of its values. In statics the rigid motion has a
-# spring, so much softer than any mode. At most so many contacts are closed at once: of a rigid foot on a beam two.
-GRID, HALVINGS, SOFT, MOST_CLOSED, MOST = np.linspace(0.0, 1.0, 101), 12, 1e-8, 4, 20
+MOST = 20
 ABOUT = ("onset_mu", "onset_frequency", "closed_at_rest", "closed_at_onset")
 COLUMNS = ("nodes", "mu", "finer", "closed", "regime", *STATISTICS, "stick_fraction_std")
 COLOURS = (figures.BLACK, figures.ORANGE, figures.RED, figures.BLUE, figures.GREY)
@@ -49,42 +47,25 @@ COLOURS = (figures.BLACK, figures.ORANGE, figures.RED, figures.BLUE, figures.GRE
 foot = lru_cache(maxsize=64)(on_foot)
 
 
-def sliding(own: Structure, mu: float) -> tuple[Structure, int]:
-    """The structure with the contacts alone that are closed in steady sliding, and their number; 0: there is none.
-
-    Friction turns the foot, so that these are not the contacts that the load closes at rest. Forces N, T = mu N,
-    are those without which a contact would be open or pull. The load is what they balance.
-    """
-    if own.gap is None:
-        return own, 1
-    least = own.stiffness[own.stiffness > 0.0].min()
-    soft, push = own.normal / np.maximum(own.stiffness, SOFT * least), own.normal + mu * own.tangential
-    flexibility, free = soft @ push.T, soft @ own.load
-    for count in range(1, min(len(free), MOST_CLOSED) + 1):
-        for closed in map(list, combinations(range(len(free)), count)):
-            force = -np.linalg.solve(flexibility[np.ix_(closed, closed)], free[closed])
-            gaps = free + flexibility[:, closed] @ force
-            if np.all(force > 0.0) and gaps.min() >= -1e-9 * np.abs(free).max():
-                rows = {name: getattr(own, name)[closed] for name in ("normal", "tangential", "gap", "friction")}
-                return replace(own, **rows, load=-force @ rows["normal"]), count
-    return own, 0
-
-
-def growth(own: Structure, mu: float) -> tuple[float, float, int]:
-    """Growth rate, 1/s, and frequency, Hz, of steady sliding's least stable mode, and its closed contacts."""
-    part, count = sliding(own, mu)
-    return (*(map(float, largest_growth(part, 0.0, mu)[:2]) if count else (np.nan, np.nan)), count)
-
-
 @lru_cache(maxsize=64)
-def onset(own: Structure) -> tuple[float, float, int]:
-    """The lowest friction at which steady sliding is unstable, its frequency, Hz, and its closed contacts."""
-    high = next((mu for mu in GRID.tolist() if growth(own, mu)[0] > 0.0), np.nan)
-    low = high - GRID[1]
-    for _ in range(HALVINGS if high > 0.0 else 0):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if growth(own, middle)[0] > 0.0 else (middle, high)
-    return (high, *growth(own, high)[1:]) if high >= 0.0 else (np.nan, np.nan, 0)
+def onset(own: Structure) -> tuple[float, float]:
+    """The lowest friction at which steady sliding is unstable, and its frequency, Hz, 0 where it diverges."""
+    found = flutter_onsets(own, 0.0)
+    flutter = *found.mu[:1].tolist(), *found.frequency[:1].tolist()
+    return flutter if flutter and not found.divergence_mu < flutter[0] else (found.divergence_mu, 0.0)
+
+
+def closed(own: Structure, mu: float) -> float:
+    """Number of contacts that are closed in steady sliding; NaN where there is none."""
+    try:
+        return float((steady_forces(own, mu) > 0.0).sum()) if own.several and mu >= 0.0 else 1.0
+    except InputError:
+        return np.nan
+
+
+def growth(own: Structure, mu: float) -> float:
+    """Growth rate of steady sliding's least stable mode, 1/s; NaN where there is no steady sliding."""
+    return float(largest_growth(own, 0.0, mu)[0]) if closed(own, mu) > 0.0 else np.nan
 
 
 def motions(
@@ -102,9 +83,8 @@ def motions(
 
     def values(jobs: Any, runs: Any) -> dict[str, Any]:
         own, mu = jobs[0].scene.rig, jobs[0].scene.mu
-        rate, _, closed = growth(own, mu)
-        at_rest = int(np.sum(own.equilibrium(1.0)[0] > 0.0)) if own.several else 1
-        numbers = (*onset(own)[:2], at_rest, onset(own)[2], closed, rate)
+        lowest, hertz = onset(own)
+        numbers = (lowest, hertz, closed(own, 0.0), closed(own, lowest), closed(own, mu), growth(own, mu))
         motion, each = ensemble.statistics(runs), ensemble.summaries(runs)
         scatter = {f"{name}_std": each[name].std(ddof=1) if len(runs) > 1 else np.nan for name in STATISTICS}
         return dict(zip(OUTPUTS, numbers, strict=False)) | {name: motion[name] for name in MOTION} | scatter
