@@ -82,7 +82,14 @@ def summary_of(run: Transient) -> dict[str, Any]:
     return {name: values[name] for name in SUMMARY if name in values}
 
 
-def check(V: Any, F: Any, ramp: Any, cutoff: Any, skip_long_sticks: Any, numerical_damping: Any) -> None:
+def check(
+    V: Any,
+    F: Any,
+    ramp: Any,
+    cutoff: Any,
+    skip_long_sticks: Any,
+    numerical_damping: Any,
+) -> None:
     """Raise the `ValueError` of options that no scene can be run with, at the least and the greatest V / F."""
     speeds, loads = np.abs(np.ravel(V)), np.ravel(F)
     runs = {"ramp": ramp, "cutoff": cutoff, "skip_long_sticks": skip_long_sticks}
