@@ -19,17 +19,15 @@ from studies.plotting import figures, planes, signals
 from studies.study import Claim, Parameter, Study
 from sweeps import Variable
 
-# Colours and line styles of the inclinations; of more an evenly spaced subset is drawn.
+# Colours and line styles of the inclinations, of more an evenly spaced subset; depth of the spectra, dB.
 LOOKS = ((figures.BLUE, "-"), (figures.ORANGE, "-"), (figures.GREEN, "--"), (figures.BLACK, ":"))
-# Below this share of V there is but rounding; depth of the spectra, dB.
-NOTHING, DEPTH = 1e-9, 200.0
-PSD = "power spectral density of the velocity of B after settling"
+DEPTH = 200.0
 OUTPUTS = {
     "velocity_B": Variable("m s-1", "velocity of B along x", ("elapsed",), "float32"),
-    "spectrum": Variable("m2 s-1", PSD, ("frequency",), "float32"),
-    **LEAST_STABLE,
-    **run.SUMMARY,
-}
+    "spectrum": Variable("m2 s-1", "power spectral density of the velocity of B after settling", ("frequency",),
+                         "float32"),
+    **LEAST_STABLE, **run.SUMMARY,
+}  # fmt: skip
 CLAIMS = (
     Claim("dominant_frequency", {"theta": 10.0, "V": paper.ANGLES_SPEED}, paper.ANGLES[10.0], "3.6, measured"),
     Claim("regime", {"theta": 15.0, "V": paper.ANGLES_SPEED}, "steady sliding", "3.6, measured"),
@@ -75,7 +73,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         # A quiet trace would vanish under a loud one.
         above = 3.0 - 1e-3 * float(np.ptp(velocity[len(velocity) // 2 :]))
         figures.trace(top, point["elapsed"].values, velocity, color=colour, label=text, zorder=above)
-        _draw_growth(growth, point, colour)
+        signals.growth(growth, point, colour)
         signals.spectrum(
             tones, point["frequency"], point["spectrum"], color=colour, linestyle=style, linewidth=1.0
         )
@@ -92,18 +90,6 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     where = figures.place(dataset, "V", "mu", "F") + planes.of_all(chosen, dataset.sizes["theta"])
     figure.suptitle(f"Velocity of B along x, {where}\n{regimes.damping_text(dataset)}")
     return figure
-
-
-def _draw_growth(axes: figures.Axes, point: xr.Dataset, colour: str) -> None:
-    """The velocity about its mean from the first slip on."""
-    first, elapsed = float(point["first_slip_time"]), point["elapsed"].values
-    since, velocity = (
-        (elapsed >= first) & (elapsed < first + signals.SLOPE),
-        point["velocity_B"].values.astype(float),
-    )
-    distance = np.abs(velocity[since] - velocity[-len(elapsed) // 4 :].mean())
-    nothing = NOTHING * abs(float(point["V"]))
-    signals.growth(axes, elapsed[since] - first, distance, float(point["mode_growth_rate"]), nothing, colour)
 
 
 STUDY = Study(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore import Rig, Structure, flutter_onsets, sliding_modes
+from fivcore import Rig, Structure, sliding_modes
 from studies import paper
 from studies.answering.claims import is_papers_point, rig_text
 from studies.answering.results import rig_of, with_variables
@@ -16,15 +16,14 @@ from studies.declaring import labels
 from studies.declaring.spec import evenly
 from studies.motion.run import BAND
 from studies.motion.stability import MODES
+from studies.physics.onsets import crossings
 from studies.plotting import figures, planes
 from studies.plotting import modes as branches
 from studies.study import Claim, Parameter, Study
 from sweeps import Axis
 
-# A file has room for at least so many modes that enter the band as friction rises, and for as many by which rigs
-# of one file differ.
+# A file has room for so many modes that enter the band as friction rises, and by which its rigs differ.
 ROOM = 10
-KINDS = {"onset": "flutter onset", "recovery": "recovery"}
 OUTPUTS = MODES
 # The paper's onsets are the first unstable values on a grid of mu with a step of 0.01.
 CLAIMS = tuple(
@@ -48,15 +47,7 @@ def modes(rig: Rig, theta: float, mu: np.ndarray) -> dict[str, np.ndarray]:
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:
     """Add onsets, recoveries and divergence within the range of mu, computed as roots and not on the grid."""
-    largest = max(float(dataset["mu"].max()), 1e-12)  # without friction nothing grows
-    found = flutter_onsets(rig_of(dataset), float(dataset["theta"]), BAND, largest)
-    text = "coefficient of friction from which a mode grows without oscillation (divergence)"
-    added: dict[str, Any] = {"divergence_mu": ((), found.divergence_mu, "1", text)}
-    crossings = (found.mu, found.frequency), (found.recovery_mu, found.recovery_frequency)
-    for (kind, name), (mu, frequency) in zip(KINDS.items(), crossings, strict=True):
-        added[f"{kind}_mu"] = kind, mu, "1", f"coefficient of friction at the {name}"
-        added[f"{kind}_frequency"] = kind, frequency, "Hz", f"frequency at the {name}"
-    return with_variables(dataset, added)
+    return with_variables(dataset, crossings(rig_of(dataset), dataset["theta"].item(), dataset["mu"].values.max()))
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
@@ -82,8 +73,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     for k in dict.fromkeys([papers, *np.flatnonzero(grows)[-1:].tolist()]):
         unstable = dataset.isel(mu=k, mode=np.flatnonzero(dataset["growth_rate"][k] > 0.0))
         if unstable.sizes["mode"]:
-            caption = f"Unstable modes at mu = {float(unstable['mu']):g}"
-            yield caption, labels.frame(unstable, ["mode", "frequency", "growth_rate"])
+            yield f"Unstable modes at mu = {unstable['mu'].item():g}", labels.frame(unstable, ["mode", *OUTPUTS])
 
 
 def draw(dataset: xr.Dataset) -> figures.Figure:

@@ -38,19 +38,15 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
     beam = np.repeat(np.array([1, 2], np.int8), [rig.p1.elements + 1, rig.p2.elements + 1])
     numbers = closest_two(sliding_modes(rig, theta, [0.0], run.BAND), 0, path(rig, theta, 1)[0]) + 1
     dataset = dataset.assign_coords({"mode": dataset["mode"].copy(data=numbers)} if len(numbers) else {})
-    dataset["lock_in_mu"] = (), mu, {"units": "1", "long_name": "coefficient of friction at lock-in"}
-    dataset["lock_in_frequency"] = (), frequency, {"units": "Hz", "long_name": "frequency at lock-in"}
-    dataset["beam"] = "node", beam, {"flag_values": beam[[0, -1]], "flag_meanings": "P1 P2", "long_name": "beam"}
+    added: dict[str, Any] = {"lock_in_mu": ((), mu, "1", "coefficient of friction at lock-in")}
+    added["lock_in_frequency"] = (), frequency, "Hz", "frequency at lock-in"
     for k, x in enumerate("xy"):
-        dataset[f"node_{x}"] = (
-            "node",
-            position[:, k],
-            {"units": "m", "long_name": f"undeformed position along {x}"},
-        )
+        added[f"node_{x}"] = "node", position[:, k], "m", f"undeformed position along {x}"
         for part in ("real", "imag"):
-            text = {"units": "1", "long_name": f"displacement along {x}, {part} part"}
-            dataset[f"shape_{x}_{part}"] = "node", getattr(shape[:, k], part), text
-    return dataset
+            text = f"displacement along {x}, {part} part"
+            added[f"shape_{x}_{part}"] = "node", getattr(shape[:, k], part), "1", text
+    flags = {"flag_values": beam[[0, -1]], "flag_meanings": "P1 P2", "long_name": "beam"}
+    return results.with_variables(dataset, added).assign(beam=("node", beam, flags))
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:

@@ -16,7 +16,7 @@ from studies.declaring import labels
 from studies.declaring.spec import evenly, logarithmically
 from studies.motion import ensemble, regimes
 from studies.motion.jobs import Job, outcomes
-from studies.motion.stability import first_onsets, linear_stability
+from studies.motion.stability import LINEAR, first_onsets, linear_stability
 from studies.physics.verdicts import BELOW, VERDICTS, uncertain, with_verdicts
 from studies.plotting.regimes import draw
 from studies.study import Claim, Parameter, Study
@@ -25,19 +25,16 @@ from sweeps import DONE, Variable
 CLAIMS = tuple(Claim("regime", {"V": V}, kind, "2, 3.5.3", cells=True) for V, kind in paper.VIBRATION.items())
 
 
-def _plain(units: str, text: str) -> Variable:
-    return Variable(units, text, (), "float32", 6)
-
-
-OUTPUTS = ensemble.outputs() | {
-    "growth_rate": _plain("s-1", f"growth rate of steady sliding's least stable mode {BELOW}"),
-    "growth_frequency": _plain("Hz", f"frequency of steady sliding's least stable mode {BELOW}"),
-    "unstable_modes": Variable("1", f"number of unstable modes of steady sliding {BELOW}", (), "int16"),
-    "model_growth_rate": _plain("s-1", "growth rate of the least stable mode of all that are simulated"),
-    "model_growth_frequency": _plain("Hz", "frequency of the least stable mode of all that are simulated"),
-    "duration": _plain("s", "simulated time, mean over realisations"),
-    "loading_time": _plain("s", "static stick time: the drive loads a stuck contact until it slips"),
-}
+OUTPUTS = (
+    ensemble.outputs()
+    | LINEAR
+    | {
+        "duration": Variable("s", "simulated time, mean over realisations", (), "float32", 6),
+        "loading_time": Variable(
+            "s", "static stick time: the drive loads a stuck contact until it slips", (), "float32", 6
+        ),
+    }
+)
 
 
 def motions(scenes: Sequence[Scene], members: int, **options: Any) -> dict[str, Any]:

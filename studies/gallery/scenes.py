@@ -38,15 +38,9 @@ MOST_ROWS = 40
 
 
 def motions(
-    scenes: Sequence[Scene],
-    duration: float | None,
-    standard_error: float,
-    min_duration: float,
-    max_duration: float,
-    record: Sequence[str],
-    times: Any,
-    **options: Any,
-) -> dict[str, Any]:
+    scenes: Sequence[Scene], duration: float | None, standard_error: float, min_duration: float,
+    max_duration: float, record: Sequence[str], times: Any, **options: Any,
+) -> dict[str, Any]:  # fmt: skip
     """Summary and recorded series of each scene."""
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from fivcore import Scene, checks
+from fivcore import Scene
 from studies import paper
 from studies.declaring import labels, spec
 from studies.declaring.parameters import RUN, Parameter
@@ -43,30 +43,17 @@ def sticks(scenes: Sequence[Scene], member: Any, **run: Any) -> dict[str, Any]:
     return outcomes(jobs, lambda jobs, runs: stick_fit.of_sticks(jobs[0].scene, runs[0].summary))
 
 
-def check(member: Any, **others: Any) -> None:
-    """Refuse what cannot be run."""
-    checks.between("member", float(np.min(member)), 1.0, 1e6, "a number counted from 1")
-    ensemble.check(**others)
-
-
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """Exponents of the power laws, sticks at each speed, and all coefficients of friction and loads."""
     at, members = stick_fit.at_paper(dataset), dataset.sizes["member"]
-    end, first = (
-        labels.number(1e3 * float(at["intermittence_end"])),
-        stick_fit.with_ends(at.sel(law="start_up"), "exponent"),
-    )
+    laws = [stick_fit.with_ends(at.isel(law=k), "exponent") for k in range(at.sizes["law"])]
+    end = labels.number(1e3 * float(at["intermittence_end"]))
     where = f"mu = {float(at['mu']):g}, F = {float(at['F']):g} N"
-    yield f"At {where} start-up sticks last T ~ V^n, n = {first}; sustained ones end at {end} mm/s."
+    yield f"At {where} start-up sticks last T ~ V^n, n = {laws[0]}; sustained ones end at {end} mm/s."
     upto, span = f"sustained, up to {end} mm/s", " to ".join(f"{1e3 * V:g}" for V in stick_fit.SPAN)
-    texts = (
-        "start-up, 1 to 2 mm/s",
-        upto,
-        f"sustained, up to {stick_fit.SLOW:.2f} of that",
-        f"{upto}, within {span}",
-    )
-    laws = [(text, stick_fit.with_ends(at.isel(law=k), "exponent")) for k, text in enumerate(texts)]
-    yield "Exponents with 95 % intervals", pd.DataFrame(laws, columns=["sticks", "n"])
+    third = f"sustained, up to {stick_fit.SLOW:.2f} of that"
+    texts = "start-up, 1 to 2 mm/s", upto, third, f"{upto}, within {span}"
+    yield "Exponents with 95 % intervals", pd.DataFrame({"sticks": texts, "n": laws})
     table = labels.frame(at, ["V"])
     for k, (kind, look) in enumerate(LOOKS.items()):
         rows = [at.isel(kind=k, V=place) for place in range(at.sizes["V"])]
@@ -132,13 +119,12 @@ def draw_collapse(axes: figures.Axes, dataset: xr.Dataset) -> None:
         for kind, fill in (("sustained", colour), ("start_up", "none")):
             y = 1e6 * V * stick_fit.means(dataset.sel(mu=mu, F=F), kind)[0] / (mu * F)
             figures.curve(axes, 1e3 * V / (mu * F), y, color=colour, marker=marker, markerfacecolor=fill, **look)
-    drawn = bool(axes.lines)
-    for mu, colour in frictions:
+    for mu, colour in frictions if axes.lines else ():
         axes.plot([], [], color=colour, marker="o", label=f"μ = {mu:g}", **look)
-    for F, marker in loads:
+    for F, marker in loads if axes.lines else ():
         axes.plot([], [], color=figures.GREY, marker=marker, label=f"F = {F:g} N", **look)
     axes.set_ylim(bottom=0.0)
-    if drawn:
+    if axes.lines:
         axes.legend(loc="lower left", fontsize=6.5, ncols=2)
 
 
@@ -165,5 +151,5 @@ STUDY = Study(
         Claim("exponent", {"law": "sustained_0.5_to_4_mm/s"}, -1.0, "2, 3.5.4.2"),
         *(Claim(f"{kind}_ratio", {}, paper.STICK_RATIO, "3.5.4.2") for kind in LOOKS),
     ),
-    check=check, normalised=True, chaotic=True,
+    check=stick_fit.check, normalised=True, chaotic=True,
 )  # fmt: skip

@@ -65,17 +65,8 @@ CONTACTS |= {
     "all_stick_fraction": Variable("1", "fraction of time in which all contacts that the load closes stick"),
 }
 # Quantities that the load multiplies; the others are equal for equivalent scenes.
-SCALED = (
-    *(
-        "velocity_rms",
-        "mean_normal_force",
-        "max_normal_force",
-        "normal_force_999",
-        "max_slip_speed",
-        "slip_speed_999",
-    ),
-    *(f"{name}_se" for name in ("velocity_rms", "mean_normal_force", "normal_force_999", "slip_speed_999")),
-)
+SCALED: tuple[str, ...] = ("velocity_rms", "mean_normal_force", "normal_force_999", "slip_speed_999")
+SCALED = (*SCALED, "max_normal_force", "max_slip_speed", *(f"{name}_se" for name in SCALED))
 
 
 def options(
@@ -117,14 +108,8 @@ def check(
 ) -> None:
     """Raise the `ValueError` of options that no scene can be run with, at the least and the greatest V / F."""
     speeds, loads = np.abs(np.ravel(V)), np.ravel(F)
-    runs = {
-        "ramp": ramp,
-        "cutoff": cutoff,
-        "skip_long_sticks": skip_long_sticks,
-        "numerical_damping": numerical_damping,
-    }
-    run = {name: np.ravel(value)[0].item() if np.ndim(value) else value for name, value in runs.items()}
-    ends = ((speeds.min(), loads.max()), (speeds.max(), loads.min()))
-    for speed, load in ends:
-        scene = Scene(float(speed), 0.0, 0.0, float(load))
-        checked_run(scene, 1e-6, Options(**options(**run)))
+    runs = {"ramp": ramp, "cutoff": cutoff, "skip_long_sticks": skip_long_sticks}
+    runs["numerical_damping"] = numerical_damping
+    run: Any = {name: np.ravel(value)[0].item() if np.ndim(value) else value for name, value in runs.items()}
+    for speed, load in ((speeds.min(), loads.max()), (speeds.max(), loads.min())):
+        checked_run(Scene(float(speed), 0.0, 0.0, float(load)), 1e-6, Options(**options(**run)))

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore import LONG_SHARE, Scene, loading_time
+from fivcore import LONG_SHARE, Scene, checks, loading_time
 from studies import paper
 from studies.declaring import labels
+from studies.motion import ensemble
 from studies.motion.run import SETTLING
 from sweeps import Variable
 
@@ -190,3 +191,9 @@ def lasting(at: xr.Dataset) -> dict[float, Any]:
     times = at["stick_time"].where(at["stick"] > at["start_up_count"]).transpose("V", ...)
     found = {float(of["V"]): (1e6 * float(of["V"]) * of.values)[np.isfinite(of.values)] for of in times}
     return {V: values for V, values in found.items() if len(values) >= LEAST_STICKS * at.sizes["member"]}
+
+
+def check(member: Any, **others: Any) -> None:
+    """Refuse what cannot be run."""
+    checks.between("member", float(np.min(member)), 1.0, 1e6, "a number counted from 1")
+    ensemble.check(**others)

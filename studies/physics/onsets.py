@@ -177,3 +177,17 @@ def closest_two(modes: SlidingModes, m: int, near: np.ndarray) -> np.ndarray:
     values = modes.eigenvalue[m, both]
     conjugate = np.abs(values.imag).max() > 1e-9 * np.abs(values).max()
     return np.asarray(both[np.argsort((modes.growth_rate if conjugate else modes.frequency)[m, both])])
+
+
+def crossings(rig: Any, theta: float, mu_max: float) -> dict[str, Any]:
+    """Onsets, recoveries and divergence up to a friction, as variables: dimensions, values, units and text."""
+    found = flutter_onsets(rig, theta, BAND, max(mu_max, 1e-12))  # without friction nothing grows
+    text = "coefficient of friction from which a mode grows without oscillation (divergence)"
+    added: dict[str, Any] = {"divergence_mu": ((), found.divergence_mu, "1", text)}
+    for kind, name, mu, frequency in (
+        ("onset", "flutter onset", found.mu, found.frequency),
+        ("recovery", "recovery", found.recovery_mu, found.recovery_frequency),
+    ):
+        added[f"{kind}_mu"] = kind, mu, "1", f"coefficient of friction at the {name}"
+        added[f"{kind}_frequency"] = kind, frequency, "Hz", f"frequency at the {name}"
+    return added

@@ -36,22 +36,13 @@ COLOURS = (BLUE, BLACK, ORANGE, GREEN, RED)
 WAYS = {"up": (GREEN, "^"), "down": (RED, "v")}
 
 STYLE: Any = {
-    "font.size": 9.0,
-    "axes.titlesize": 10.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#e0e0e0",
-    "grid.linewidth": 0.6,
-    "legend.fontsize": 8.0,
-    "legend.edgecolor": "none",
-    "legend.framealpha": 0.85,
-    "figure.titlesize": 11.0,
-    "lines.linewidth": 1.2,
+    "font.size": 9.0, "axes.titlesize": 10.0, "figure.titlesize": 11.0, "lines.linewidth": 1.2,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.axisbelow": True,
+    "axes.grid": True, "grid.color": "#e0e0e0", "grid.linewidth": 0.6,
+    "legend.fontsize": 8.0, "legend.edgecolor": "none", "legend.framealpha": 0.85,
     # Names within a vector figure follow from what is drawn, not from chance.
     "svg.hashsalt": "fiv",
-}
+}  # fmt: skip
 
 # Metadata of each format: which entry names the data that a figure shows, and no date, so that the same result is
 # the same file.

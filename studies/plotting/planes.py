@@ -120,18 +120,18 @@ def outline(axes: figures.Axes, inside: xr.DataArray, x: str, y: str) -> bool:
 
 def stack(
     axes: figures.Axes,
-    ends: NDArray[Any],
+    ends: Any,
     shares: Mapping[str, Any],
     colours: Sequence[str],
     base: float = 0.0,
-    **options: Any,
+    **look: Any,
 ) -> None:
     """Shares by their names, one on the other from `base` up, over the cells with these `ends`."""
     below = np.full(len(ends) - 1, base)
     for (name, share), colour in zip(shares.items(), colours, strict=True):
         part = np.nan_to_num(share)
-        look: dict[str, Any] = {"align": "edge", "color": colour, "label": name} | options
-        axes.bar(ends[:-1], part, np.diff(ends), below, **look)
+        options: dict[str, Any] = {"align": "edge", "color": colour, "label": name} | look
+        axes.bar(ends[:-1], part, np.diff(ends), below, **options)
         below = below + part
 
 

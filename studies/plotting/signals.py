@@ -20,8 +20,8 @@ SHADES: dict[int, dict[str, Any]] = {
     SEPARATION: {"facecolor": "#fbe3b5", "edgecolor": "#e0b050", "hatch": "//////"},
 }
 CURVES = {SLIP: ("-", figures.BLUE), SEPARATION: ("--", figures.ORANGE), STICK: (".-", figures.BLACK)}
-# How long growth or decay is shown, s.
-SLOPE = 0.1
+# How long growth or decay is shown, s; below this share of V there is but rounding.
+SLOPE, NOTHING = 0.1, 1e-9
 # Where the number of a phase is written, points from its middle.
 OFFSETS = {1: (0, 11), 2: (14, -6), 3: (0, -12), 4: (-8, 13)}
 PHASES = "(1) stick, (2) slip, (3) separation, (4) slip"
@@ -55,14 +55,15 @@ def mark_parts(axes: figures.Axes, time: Any, chosen: Any, label: str) -> None:
     axes.broken_barh(spans, (0.0, 0.045), transform=axes.get_xaxis_transform(), **look)
 
 
-def growth(axes: figures.Axes, time: Any, distance: Any, rate: float, nothing: float, colour: str) -> None:
-    """Largest distances from a mean in short intervals, and the slope of linear stability beside them.
-
-    Intervals are a 200th of the time; below `nothing` there is but rounding.
-    """
+def growth(axes: figures.Axes, point: xr.Dataset, colour: str) -> None:
+    """How far the velocity is from its mean since the first slip, and the slope of linear stability beside it."""
+    first, elapsed = float(point["first_slip_time"]), point["elapsed"].values
+    since, velocity = (elapsed >= first) & (elapsed < first + SLOPE), point["velocity_B"].values.astype(float)
+    time, distance = elapsed[since] - first, np.abs(velocity[since] - velocity[-len(elapsed) // 4 :].mean())
     edges: Any = np.unique(np.searchsorted(time, np.arange(0.0, time[-1], SLOPE / 200))) if len(time) else ()
     if not len(edges):
         return
+    rate, nothing = float(point["mode_growth_rate"]), NOTHING * abs(float(point["V"]))
     time, largest = time[edges], np.maximum.reduceat(distance, edges)
     axes.plot(time, np.where(largest > nothing, largest, np.nan), color=colour)
     last = min(int(np.searchsorted(time, 0.2 * SLOPE)), len(time) - 1)
