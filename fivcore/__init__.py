@@ -34,6 +34,7 @@ from fivcore.stability.falling import SlidingOnsets, sliding_onsets
 from fivcore.stability.intervals import OnsetCurve, OnsetCurves, UnstableWindows, onset_curves, unstable_windows
 from fivcore.stability.many import FlutterOnsets, ManyFlutterOnsets, flutter_onsets, flutter_onsets_many
 from fivcore.stability.sensitivity import OnsetSensitivity, onset_sensitivity
+from fivcore.stability.several import steady_forces
 from fivcore.stability.sliding import SlidingModes, node_positions, sliding_modes
 from fivcore.stability.tied import glued_frequencies, tune_head_mass
 from fivcore.structure import Structure, modal_structure, motion_cutoff
@@ -63,5 +64,5 @@ __all__ = [
     "motion_cutoff", "node_positions", "observe", "on_foot", "one_contact", "onset_curves",
     "onset_sensitivity", "painleve_mu", "propagator", "published", "reduced_model", "simulate",
     "simulate_many", "sliding_modes", "sliding_onsets", "sliding_shape", "slip_distance", "speed_per_load",
-    "structure_files", "tune_head_mass", "unstable_windows", "with_numerical_damping",
+    "steady_forces", "structure_files", "tune_head_mass", "unstable_windows", "with_numerical_damping",
 ]  # fmt: skip

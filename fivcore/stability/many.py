@@ -112,7 +112,9 @@ def flutter_onsets(
     """All flutter onsets and recoveries of steady sliding (V > 0) in a band, refined to rounding.
 
     Two onsets less than 1e-13 of the band apart are not reported. Those along V or F: `sliding_onsets`.
-    Where friction falls with the speed, none is sought at a friction at which the contact of a structure jams.
+    Where friction falls with the speed, none is sought at a friction at which the contact of a structure jams. Of
+    several contacts those are closed that friction leaves closed in steady sliding; where their set changes and
+    modes begin to grow, that is an onset, and where there is no unique steady sliding any more `divergence_mu`.
 
     Parameters
     ----------

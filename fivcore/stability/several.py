@@ -86,7 +86,7 @@ class SlidingContacts:
         push = n + (mu * self.friction)[:, None] * t
         if self.rayleigh and k is None:
             d = 1.0 / (self.p + SHIFT)
-            held = np.linalg.solve((n * d) @ push.T, n * d)
+            held = solved((n * d) @ push.T, n * d)
             inverse = np.diag(d) - d[:, None] * (push.T @ held)
             values = eigenvalues(inverse[None], np.array([-SHIFT]))[0]
             # Constraints have none.
@@ -109,7 +109,7 @@ class SlidingContacts:
             [(n * d) @ push.T, (n * d) @ t.T],
             [-SHIFT * (fall * d) @ push.T, np.eye(len(n)) - SHIFT * (fall * d) @ t.T],
         ])  # fmt: skip
-        forces = np.linalg.solve(matrix, np.vstack([-n @ soft, fall @ (SHIFT * soft + x)]))
+        forces = solved(matrix, np.vstack([-n @ soft, fall @ (SHIFT * soft + x)]))
         q = soft + d[:, None] * (np.vstack([push, t]).T @ forces)
         return eigenvalues(np.vstack([q, SHIFT * q + x])[None], np.array([SHIFT]))[0]
 
@@ -123,6 +123,11 @@ class SlidingContacts:
         tangential = np.linalg.solve(inner, np.diag(mu * self.friction) + fall[:, None] * ((t * d) @ n.T))
         push = n.T + t.T @ tangential
         return np.asarray(d * (push @ np.linalg.svd((n * d) @ push)[2][-1].conj()))
+
+
+def solved(matrix: Array, right: Array) -> Array:
+    """Forces that keep contacts closed; where a body has more of them than motions, the smallest such forces."""
+    return np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-13)[0])
 
 
 def push(own: Structure, mu: float) -> Array:

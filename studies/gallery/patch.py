@@ -10,8 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from fivcore import InputError, Rig, Scene, Structure, checks, flutter_onsets, on_foot, reduced_model
-from fivcore.stability.several import steady_forces
+from fivcore import (
+    InputError,
+    Rig,
+    Scene,
+    Structure,
+    checks,
+    flutter_onsets,
+    on_foot,
+    reduced_model,
+    steady_forces,
+)
 from studies.declaring import labels
 from studies.declaring.spec import evenly
 from studies.motion import ensemble, mixed

@@ -296,3 +296,20 @@ def test_a_rate_that_is_constant_within_rounding_is_not_followed():
     onsets, *_ = crossings(at, grid)
     assert onsets == [pytest.approx((0.55, 0.2))]
     assert len(places) < 2 * len(grid)
+
+
+@pytest.mark.parametrize("damping", [{"d1": 20.0, "d2": 1e-7}, {"damping_ratio": 0.002}])
+def test_a_rigid_foot_slides_alike_on_two_contacts_and_on_more(damping):
+    """With three contacts in a row on one body the forces are not unique, but the motion is."""
+    rng = np.random.default_rng(3)
+    low, turn, along = rng.normal(size=(3, 8))
+    frequency, load = np.sort(rng.uniform(100.0, 4000.0, 8)), -(low + 0.1 * turn)
+    found = []
+    for arms in ([-1.0, 1.0], [-1.0, 0.0, 1.0], [-1.0, -0.3, 0.4, 1.0]):
+        rows = np.array([low + arm * turn for arm in arms])
+        shared = {"normal": rows, "tangential": np.tile(along, (len(arms), 1)), "load": load}
+        own = Structure.from_modes(frequency, **shared, **damping)
+        found.append(sliding_modes(own, 0.0, 0.05, 5000.0))
+    for each in found[1:]:
+        np.testing.assert_allclose(each.frequency, found[0].frequency, rtol=1e-7)
+        np.testing.assert_allclose(each.growth_rate, found[0].growth_rate, atol=1e-6 * found[0].frequency.max())
