@@ -58,8 +58,8 @@ class OnsetSensitivity(ReadOnlyArrays):
         of theta in degrees; of a direction, for each radian.
     fold : ndarray of bool, (n,)
         Whether the onset is near a fold, where it meets a recovery and its derivatives are infinite, or where the
-        set of closed contacts changes. Derivatives
-        by parameters that reach the fold within some RELATIVE_STEP are NaN.
+        set of closed contacts changes. Derivatives by parameters that reach the fold within some RELATIVE_STEP
+        are NaN.
     """
 
     mu: Array
