@@ -49,7 +49,7 @@ OUTPUTS |= {
 }
 MOST = 20
 ABOUT = ("onset_mu", "onset_frequency", "closed_at_rest", "closed_at_onset")
-COLUMNS = ("nodes", "mu", "finer", "closed", "regime", *STATISTICS, "stick_fraction_std")
+COLUMNS = ("nodes", "mu", "finer", "closed", "regime", *STATISTICS)
 COLOURS = (figures.BLACK, figures.ORANGE, figures.RED, figures.BLUE, figures.GREY)
 
 
