@@ -151,7 +151,7 @@ STUDY = Study(
         "V": Parameter(np.array([2e-3, 5e-3]), "m s-1", "speed of the drive"),
         "duration": Parameter(2.5, "s", "simulated time", common=True),
         **phases.SETTINGS,
-        "most": Parameter(30, "1", "most points over which a cycle is followed; 0: none is sought", common=True),
+        **cycles.SETTINGS,
         **published(RUN),
     },
     outputs=phases.SERIES | phases.OVERVIEW | phases.START | cycles.CYCLE_SERIES | cycles.CYCLE | run.SUMMARY,

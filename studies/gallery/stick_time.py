@@ -79,6 +79,9 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     figure, panels = figures.panels(2, 2, 17.0, 16.0)
     (times, products, spread, collapse), at = panels, stick_fit.at_paper(dataset)
     V = 1e3 * np.abs(at["V"].values)
+    for axes, text in ((times, "mean stick time / ms"), (products, "T V / μm")):
+        axes.set(xscale="log", xlim=(0.9 * V.min(), 1.1 * V.max()), xlabel="V / (mm/s)", ylabel=text)
+    times.set_yscale("log")
     for kind, look in LOOKS.items():
         mean, *ends = 1e3 * stick_fit.means(at, kind)
         figures.curve(times, V, mean, ends=ends, **look)
@@ -92,10 +95,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         times.plot(*law, linewidth=2.2, label="paper: half at twice V", **red)
     if np.isfinite(end := 1e3 * float(at["intermittence_end"])):
         products.axvline(end, linestyle="--", linewidth=1.0, label=f"intermittence ends, {end:.2f} mm/s", **red)
-    times.set_yscale("log")
     products.set_ylim(bottom=0.0)
-    for axes, text in ((times, "mean stick time / ms"), (products, "T V / μm")):
-        axes.set(xscale="log", xlim=(0.9 * V.min(), 1.1 * V.max()), xlabel="V / (mm/s)", ylabel=text)
     T = stick_fit.lasting(at)
     chosen = [[*T][k] for k in planes.subset(len(T), 4)] if T else []
     figures.distributions(spread, {f"{1e3 * V:g} mm/s ({len(T[V])})": T[V] for V in chosen})

@@ -34,14 +34,15 @@ LEAST_STABLE = {
     "mode_frequency": Variable("Hz", "frequency of the least stable mode of steady sliding below 10 kHz"),
 }
 # Variables of `linear_stability`.
+SLIDING_MODE = "steady sliding's least stable mode below 10 kHz"
+MODEL_MODE = "the least stable mode of all that are simulated"
 LINEAR = {
-    name: Variable(units, f"growth rate of {text}" if units == "s-1" else f"frequency of {text}", (), "float32", 6)
-    for start, text in {
-        "": "steady sliding's least stable mode below 10 kHz",
-        "model_": "the least stable mode of all that are simulated",
-    }.items()
-    for name, units in ((f"{start}growth_rate", "s-1"), (f"{start}growth_frequency", "Hz"))
-} | {"unstable_modes": Variable("1", "number of unstable modes of steady sliding below 10 kHz", (), "int16")}
+    "growth_rate": Variable("s-1", f"growth rate of {SLIDING_MODE}", (), "float32", 6),
+    "growth_frequency": Variable("Hz", f"frequency of {SLIDING_MODE}", (), "float32", 6),
+    "unstable_modes": Variable("1", "number of unstable modes of steady sliding below 10 kHz", (), "int16"),
+    "model_growth_rate": Variable("s-1", f"growth rate of {MODEL_MODE}", (), "float32", 6),
+    "model_growth_frequency": Variable("Hz", f"frequency of {MODEL_MODE}", (), "float32", 6),
+}
 # Variables of so many unstable pairs of a scene: the paper's rig has two at mu = 0.2, at most four up to mu = 2.
 PAIRS = 8
 UNSTABLE_PAIRS = {

@@ -11,7 +11,7 @@ import numpy as np
 
 import fivcore
 from fivcore import CycleBranch, LimitCycle, Rig, Scene, SceneError, State, Transient, checks, limit_cycle
-from studies.declaring.parameters import rig_numbers
+from studies.declaring.parameters import Parameter, rig_numbers
 from studies.motion import following, knock, regimes, run, starts
 from studies.motion.jobs import Job, run_all
 from studies.physics.phases import SAMPLES, SEPARATION, SERIES
@@ -24,6 +24,8 @@ SEARCH, SOUGHT = 1.0, 1.5e-7
 COMPARED, NEAR = 64, 0.5
 # States of a vibration from which the edge is sought in turn.
 TRIES = 4
+FOLLOWED = "most points over which a limit cycle is followed; 0: none is sought"
+SETTINGS = {"most": Parameter(30, "1", FOLLOWED, common=True)}
 CYCLE_SERIES = {
     f"cycle_{name}": Variable(each.units, f"{each.long_name}, on the limit cycle", ("phase",), "float32")
     for name, each in SERIES.items()

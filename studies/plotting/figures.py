@@ -157,7 +157,10 @@ def one_two_five(*sides: Axis) -> None:
         if side.get_scale() == "log" and not isinstance(side.get_major_locator(), FixedLocator):
             low, high = side.get_view_interval()
             subs = (1.0, 2.0, 5.0) if high < MANY_DECADES * low else (1.0,)
-            side.set_major_locator(LogLocator(subs=subs) if high > 2.0 * low else MaxNLocator(4))
+            # Where there are fewer than two such ticks a LogLocator takes many even ones.
+            places = np.outer(10.0 ** np.arange(np.floor(np.log10(low)), np.log10(high) + 1.0), subs)
+            many = np.count_nonzero((low <= places) & (places <= high)) > 1
+            side.set_major_locator(LogLocator(subs=subs) if many else MaxNLocator(4))
             side.set_major_formatter("{x:g}")
             side.set_minor_formatter(NullFormatter())
 

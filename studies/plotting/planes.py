@@ -6,7 +6,7 @@ Colours survive colour blindness and grey print: shades rise in lightness, class
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -17,10 +17,6 @@ from studies.declaring.spec import edges, is_logarithmic
 from studies.motion.mixed import several
 from studies.motion.regimes import KINDS
 from studies.plotting import figures
-
-if TYPE_CHECKING:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
 
 # Of Okabe and Ito's colours, by index in KINDS; light and dark ones alternate.
 COLOURS = ("#d9d9d9", "#4d4d4d", "#a6dcf7", figures.ORANGE, figures.BLUE, figures.RED, "white", "white")
@@ -73,17 +69,15 @@ def cells(axes: figures.Axes, array: xr.DataArray, x: str, y: str, **options: An
     return axes.pcolormesh(*ends, np.ma.masked_invalid(array.transpose(y, x).values.astype(float)), **look)
 
 
-def classes(axes: figures.Axes, codes: xr.DataArray, x: str, y: str) -> list[Patch]:
-    """Regimes over two parameters, by index in KINDS, failed points hatched; the handles of their legend."""
+def classes(axes: figures.Axes, codes: xr.DataArray, x: str, y: str) -> None:
+    """Regimes over two parameters, by index in KINDS, failed points hatched."""
     from matplotlib.colors import ListedColormap
 
     cells(axes, codes, x, y, cmap=ListedColormap(COLOURS), vmin=-0.5, vmax=len(KINDS) - 0.5)
     hatch_failed(axes, codes == FAILED, x, y, linewidth=0.0, label=None)
-    handles = patches(codes)
-    for each in handles:
-        look: dict[str, Any] = {"facecolor": each.get_facecolor(), "hatch": each.get_hatch()}
-        axes.fill_between([], [], edgecolor="black", linewidth=0.5, label=str(each.get_label()), **look)
-    return handles
+    for k in np.unique(codes):
+        look: dict[str, Any] = {"facecolor": COLOURS[k], "hatch": "xxxx" if k == FAILED else ""}
+        axes.fill_between([], [], edgecolor="black", linewidth=0.5, label=KINDS[k], **look)
 
 
 def numbers(
@@ -147,23 +141,18 @@ def hatch_failed(axes: figures.Axes, failed: xr.DataArray, x: str, y: str, **loo
 def over_others(
     data: Any, x: str, y: str, others: Sequence[str], title: str, draw: Callable[..., Any]
 ) -> figures.Figure:
-    """A plane for each value of up to two other parameters, across and down, or for some of many.
-
-    `draw(axes, part, x, y)` draws one and returns the handles of its legend.
-    """
+    """A plane, by `draw(axes, part, x, y)`, for each value of up to two others, across and down, or for some."""
     across, down = (subset(data.sizes[name], most) for name, most in zip(others, PANELS, strict=True))
     width = min(2.0 + 5.0 * max(len(across), 2), 17.0)
     figure, panels = figures.panels(len(down), len(across), width, 5.0 * len(down) + 3.5, sharex=True, sharey=True)
-    handles: dict[str, Any] = {}
     for k, axes in enumerate(panels):
         at = {others[0]: across[k % len(across)], others[1]: down[k // len(across)]}
-        drawn = draw(axes, data.isel(at).transpose(y, x, ...), x, y)
-        handles |= {handle.get_label(): handle for handle in drawn}
+        draw(axes, data.isel(at).transpose(y, x, ...), x, y)
         varying = [name for name in others if data.sizes[name] > 1]
         text = ", ".join(labels.named(name, data[name][at[name]]) for name in varying)
         axes.set_title(text, loc="left", fontsize=9.0)
         axes.label_outer()
-    figure.legend(handles=list(handles.values()), loc="outside lower center", ncols=2 if width < 14.0 else 3)
+    figures.legend_below(figure, panels, 2 if width < 14.0 else 3)
     left_out = "".join(of_all(chosen, data.sizes[n]) for n, chosen in zip(others, (across, down), strict=True))
     figure.suptitle(figures.fitted(f"{title}{left_out}", width))
     return figure
@@ -186,21 +175,17 @@ def along(
         figures.curve(axes, x[chosen], heights[chosen], error, **look, capsize=0.0, clip_on=False, zorder=2.5)
 
 
-def marks(axes: figures.Axes, places: Iterable[tuple[float, float]], **look: Any) -> list[Line2D]:
-    """Mark the points of a plane within its limits; the handles of a legend, none if no point is within."""
-    from matplotlib.lines import Line2D
-
+def marks(axes: figures.Axes, places: Iterable[tuple[float, float]], **look: Any) -> None:
+    """Mark the points of a plane within its limits."""
     (left, right), (low, high) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
     inside = [(x, y) for x, y in places if left <= x <= right and low <= y <= high]
-    if not inside:
-        return []
-    axes.plot(*zip(*inside, strict=True), **look | {"linestyle": "none"})
-    return [Line2D([], [], **look)]
+    if inside:
+        axes.plot(*zip(*inside, strict=True), **look | {"linestyle": "none"})
 
 
-def mark_mixed(axes: figures.Axes, dataset: xr.Dataset, x: str, y: str) -> list[Line2D]:
-    """Mark the points of a plane whose realisations follow different motions; handles as of `marks`."""
-    return marks(axes, places(several(dataset), x, y), **MIXED)
+def mark_mixed(axes: figures.Axes, dataset: xr.Dataset, x: str, y: str) -> None:
+    """Mark the points of a plane whose realisations follow different motions."""
+    marks(axes, places(several(dataset), x, y), **MIXED)
 
 
 def places(chosen: xr.DataArray, x: str, y: str) -> list[tuple[float, float]]:
@@ -225,17 +210,6 @@ def draw_mixed(axes: figures.Axes, dataset: xr.Dataset, x: str, name: str) -> No
     xs, heights, share = xr.broadcast(labels.readable(at[x]), heights.where(share > 0.0), share)
     look: dict[str, Any] = {"marker": MIXED["marker"], "color": "white", "edgecolor": "black", "label": text}
     axes.scatter(xs, heights, LARGEST * share, **look, zorder=3.0, clip_on=False)
-
-
-def patches(codes: Any) -> list[Patch]:
-    """Handles of a legend of the regimes that occur, by index in KINDS."""
-    from matplotlib.patches import Patch
-
-    look: dict[str, Any] = {"edgecolor": "black", "linewidth": 0.5}
-    return [
-        Patch(facecolor=COLOURS[k], hatch="xxxx" if k == FAILED else "", label=KINDS[k], **look)
-        for k in np.unique(codes)
-    ]
 
 
 def subset(count: int, most: int) -> list[int]:

@@ -67,51 +67,37 @@ def arranged(dataset: xr.Dataset) -> tuple[str, str, list[str]]:
     return x, y, others
 
 
-def plane(axes: figures.Axes, point: xr.Dataset, x: str, y: str) -> list[Any]:
-    """The plane of regimes and the marks of its cells that the result knows; the handles of their legend."""
-    from matplotlib.lines import Line2D
-
-    handles: list[Any] = [*planes.classes(axes, point["status"].copy(data=regimes.kinds(point)), x, y)]
-    if _draw_onset(axes, point, x, y):
-        handles.append(Line2D([], [], **ONSET))
+def plane(axes: figures.Axes, point: xr.Dataset, x: str, y: str) -> None:
+    """The plane of regimes, and the marks of its cells that the result knows."""
+    planes.classes(axes, point["status"].copy(data=regimes.kinds(point)), x, y)
+    _draw_onset(axes, point, x, y)
     # Below the others, which are smaller.
-    handles += planes.mark_mixed(axes, point, x, y)
-    rim: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "black", "markersize": 4.0}
+    planes.mark_mixed(axes, point, x, y)
     for name, look in MARKS.items() if "verdict" in point else ():
         chosen = ~mixed.several(point) & uncertain(point)
         if name in VERDICTS:
             chosen = point["verdict"] == [*VERDICTS].index(name)
-        handles += planes.marks(axes, planes.places(chosen, x, y), **rim, **look)
-    return handles + _mark_paper(axes, point, x, y)
+        planes.marks(axes, planes.places(chosen, x, y), markeredgecolor="black", markersize=4.0, **look)
+    # The paper's kinds of vibration by speed, where the others of V, theta, mu and F are the paper's.
+    test = {"theta": paper.THETA, "mu": paper.MU, "F": paper.LOAD}
+    same = all(np.isclose(point[name], value) for name, value in test.items() if name not in (x, y))
+    for V, kind in paper.VIBRATION.items() if same and x == "V" and y in test and is_papers_rig(point) else ():
+        planes.marks(axes, [(1e3 * V, test[y])], **planes.PAPER[kind])
 
 
-def _mark_paper(axes: figures.Axes, point: xr.Dataset, x: str, y: str) -> list[Any]:
-    """The paper's kinds of vibration by speed, where the others of V, theta, mu and F are the paper's."""
-    test, handles = {"theta": paper.THETA, "mu": paper.MU, "F": paper.LOAD}, list[Any]()
-    fixed = {name: value for name, value in test.items() if name not in (x, y)}
-    if x != "V" or y not in test or not is_papers_rig(point):
-        return handles
-    for kind in dict.fromkeys(paper.VIBRATION.values()):
-        speeds = [1e3 * V for V, each in paper.VIBRATION.items() if each == kind]
-        if all(np.isclose(point[name], value) for name, value in fixed.items()):
-            handles += planes.marks(axes, [(V, test[y]) for V in speeds], **planes.PAPER[kind])
-    return handles
-
-
-def _draw_onset(axes: figures.Axes, point: xr.Dataset, x: str, y: str) -> bool:
-    """Draw where steady sliding loses its stability; false if that is not in the plane."""
+def _draw_onset(axes: figures.Axes, point: xr.Dataset, x: str, y: str) -> None:
+    """Draw where steady sliding loses its stability, if that is in the plane."""
     from matplotlib import patheffects
 
     onset = point.get("onset_mu", xr.DataArray(np.nan))
     if "mu" not in (x, y) or not np.any(np.isfinite(onset)):
-        return False
+        return
     # Seen on any colour.
     look = ONSET | {"path_effects": [patheffects.withStroke(linewidth=2.0, foreground="white")]}
     if y == "mu" and onset.dims == (x,):
         axes.plot(labels.readable(point[x]).values, onset.values, **look)
     elif onset.ndim == 0:
         (axes.axhline if y == "mu" else axes.axvline)(float(onset), **look)
-    return True
 
 
 def _draw_plane(point: xr.Dataset, x: str, y: str, title: str) -> figures.Figure:
@@ -121,7 +107,9 @@ def _draw_plane(point: xr.Dataset, x: str, y: str, title: str) -> figures.Figure
     top, key = panels.pop("regime"), panels.pop("key")
     key.axis("off")
     key.text(0.0, 0.0, "white in (c), (d): no vibration", fontsize=8.0)
-    key.legend(handles=plane(top, point, x, y), loc="upper left", borderaxespad=0.0)
+    plane(top, point, x, y)
+    entries = dict(zip(*top.get_legend_handles_labels()[::-1], strict=True))
+    key.legend(entries.values(), entries.keys(), loc="upper left", borderaxespad=0.0)
     for name, axes in panels.items():
         array, options = _quantity(point, name), dict[str, Any](vmin=0.0, vmax=1.0)
         if name != "stick_fraction" and array.notnull().any():
