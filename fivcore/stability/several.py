@@ -127,7 +127,11 @@ class SlidingContacts:
 
 def solved(matrix: Array, right: Array) -> Array:
     """Forces that keep contacts closed; where a body has more of them than motions, the smallest such forces."""
-    return np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-13)[0])
+    # Rows and columns are in units of their own.
+    rows = np.abs(matrix).max(axis=1, keepdims=True)
+    columns = np.abs(matrix / rows).max(axis=0)
+    found = np.linalg.lstsq(matrix / rows / columns, right / rows, rcond=1e-13)[0]
+    return np.asarray(found / columns[:, None])
 
 
 def push(own: Structure, mu: float) -> Array:
