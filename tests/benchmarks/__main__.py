@@ -22,7 +22,7 @@ from tests.benchmarks import tables
 
 PARTS = (
     *("stability", "many", "transient", "kernel", "scaling", "sweeps"),
-    *("query", "studies", "maps", "damping", "ensembles", "rivals", "cycles", "constants"),
+    *("query", "studies", "maps", "damping", "ensembles", "rivals", "cycles", "contacts", "constants"),
 )
 
 

@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 from fivcore import Beam, Rig, Structure
-from fivcore.beams.elements import hermite
-from fivcore.beams.modes import rig_bases
 
 
 def drawn(seed, c=None, **given):
@@ -80,19 +78,3 @@ def two_beams(c, **given):
 
 def paper_rig():
     return Structure.of(Rig(), 5.0)
-
-
-def foot(c, theta=5.0):
-    """The paper's rig on a rigid foot of c contacts below C, as far apart as P2's nodes."""
-    rig, own = Rig(), Structure.of(Rig(), theta)
-    (upper, lower), h = rig_bases(rig, theta), rig.p2.length / rig.p2.elements
-    # Deflection and rotation of P2's nodes in turn, as `hermite` takes them.
-    bent = lower.shapes[1:, 1:].reshape(2 * rig.p2.elements, -1)
-    rows = []
-    for arm in (np.arange(c) - 0.5 * (c - 1)) * h:
-        along, across = hermite(rig.p2, rig.contact_position + arm)
-        normal = np.append(upper.shapes[-1, 1] + arm * upper.shapes[-1, 2], -across @ bent)
-        rows.append((normal, np.append(upper.shapes[-1, 0], -along @ lower.shapes[1:, 0])))
-    normal, tangential = map(np.stack, zip(*rows, strict=True))
-    given = {"normal": normal, "tangential": tangential, "struck": normal}
-    return replace(own, **given, gap=np.zeros(c), friction=np.ones(c))
