@@ -35,7 +35,7 @@ def step(run: Any) -> float:
 
 def motion() -> Table:
     """Time a step, in turns, and of a simulated second beside one contact's."""
-    runs = [started(two_beams(count), mu) for count, mu in LINES]
+    runs = [started(two_beams(count, 3), mu) for count, mu in LINES]
     taken = list(zip(*([step(run) for run in runs] for _ in range(ROUNDS)), strict=True))
     steps = [statistics.median(each) for each in taken]
     seconds = [one / run.step for one, run in zip(steps, runs, strict=True)]
