@@ -15,7 +15,7 @@ from tests.helpers.several import two_beams
 
 # Contacts and friction: steady sliding, or chatter of several contacts.
 LINES = ((1, 0.4), (2, 0.4), (5, 0.4), (5, 1.2), (10, 0.4), (10, 1.2), (20, 0.4))
-CUTOFF, ROUNDS = 94e3, 5
+CUTOFF, ROUNDS = 94e3, 25
 
 
 def started(own: Structure, mu: float) -> Any:
@@ -49,7 +49,7 @@ def motion() -> Table:
 def onsets() -> Table:
     """All onsets of the rig on a foot."""
     feet = [on_foot(Rig(), 5.0, nodes, 15e-3) for nodes in (2, 3, 5)]
-    rows = [[str(own.contacts), median(lambda own=own: flutter_onsets(own, 0.0), 1)] for own in feet]
+    rows = [[str(own.contacts), median(lambda own=own: flutter_onsets(own, 0.0), 3)] for own in feet]
     return Table([Column("contacts"), Column("onsets", "s")], rows)
 
 
