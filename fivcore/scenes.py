@@ -1,4 +1,4 @@
-"""What a scene says without a run: its time of loading, its equilibrium, the stability of the model that moves."""
+"""Loading time, equilibrium and stability of the simulated model of a scene, without a run."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a result says: where it is, its summary, the paper's claims and the reference beside it."""
+"""Results: their files, their summary, and the paper's claims and the reference beside them."""
