@@ -65,7 +65,7 @@ def fixed_text(study: Study, dataset: xr.Dataset) -> str:
 
 
 def fixed_parts(study: Study, dataset: xr.Dataset, *, figure: bool = False) -> list[str]:
-    """Fixed numbers: those of the scene, and others that differ from their default; a figure counts those drawn."""
+    """Fixed numbers: those of the scene, others where they differ from their default; a figure counts draws."""
     values = {name: value for name, value in settings(dataset).items() if name in dataset.coords}
     defaults = {name: parameter.default for name, parameter in study.parameters.items()}
     drawn = configuration(dataset)["constants"].get("distributions", {}) if figure else {}
