@@ -101,6 +101,9 @@ class Study:
         Values at which outputs pass from one class to another: maps draw them, and are refined there.
     scatter : callable, optional
         Takes the numbers that have one value; returns the distributions of a run that requests none.
+    functions : mapping of str to callable
+        Outputs that have a function of their own, called like `function`, which returns that output: where stored
+        results lack it, it alone is computed for them.
     """
 
     name: str
@@ -123,6 +126,7 @@ class Study:
     like: str = field(default="", kw_only=True)
     thresholds: Mapping[str, float] = field(default_factory=dict, kw_only=True)
     scatter: Callable[[Mapping[str, Any]], Mapping[str, Any]] | None = field(default=None, kw_only=True)
+    functions: Mapping[str, Callable[..., Mapping[str, Any]]] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
         added = SCENE | FRICTION | RIG if self.moves else dict[str, Parameter]()

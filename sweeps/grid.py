@@ -428,6 +428,7 @@ class Declaration:
     remark: str = ""
     rerun: Callable[[Mapping[str, Any]], str] | None = None
     refinement: Refinement | None = None
+    functions: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         who = f"Sweep {self.name}:"
@@ -453,6 +454,10 @@ class Declaration:
                 raise InputError(f"{who} variable {name!r} has the dimension {dim!r}; coords must have it")
             if (scale := variable.scale) and self.scale is None:
                 raise InputError(f"{who} variable {name!r} has the scale {scale!r}; the sweep needs scale")
+        for name, each in self.functions.items():
+            if name not in self.variables or not callable(each) or len(self.functions) == len(self.variables):
+                rule = "it must be a function of one of the variables, of which one at least is the sweep's own"
+                raise InputError(f"{who} functions[{name!r}] = {each!r}: {rule}")
         for name in (each for each in self.order_by if each not in self.grid.axes):
             raise InputError(f"{who} order_by names {name!r}: it must be one of {', '.join(self.grid.axes)}")
 

@@ -55,6 +55,9 @@ class Sweep(Declaration):
         `rerun(point)` returns a command that computes a failed point, a dict, again. Default: calls the function.
     refinement : Refinement, optional
         The rule that chooses the points to compute; set by `sweeps.refined`.
+    functions : mapping of str to callable
+        Variables that have a function of their own, which is called like `function` and returns that variable.
+        Where a file of earlier results lacks such a variable, it alone is computed for the stored points.
     """
 
     def __post_init__(self) -> None:

@@ -89,10 +89,13 @@ class BatchSummary(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Everything that computing a batch needs; `rerun(point)` gives a line that computes a point again."""
+    """Everything that computing a batch needs; `rerun(point)` gives a line that computes a point again.
+
+    `functions` are those that are called, with the names of the variables that each returns.
+    """
 
     name: str
-    function: Callable[..., Any]
+    functions: tuple[tuple[tuple[str, ...], Callable[..., Any]], ...]
     constants: Mapping[str, Any]
     variables: Mapping[str, Variable]
     shapes: Mapping[str, tuple[int, ...]]
@@ -165,15 +168,26 @@ class Task:
             values[row] = self.variables[name].stored.missing
 
     def _call(self, points: Points) -> tuple[dict[str, Any], list[Any], Any]:
-        """Results as stored, the error of each point or None, and computing times if the function returns them."""
+        """Results as stored, the error of each point or None, and computing times if the functions return them."""
+        calls = [self._called(names, function, points) for names, function in self.functions]
+        every = {name: values for results, *_ in calls for name, values in results.items()}
+        errors = [
+            next((e for e in each if e is not None), None) for each in zip(*(c[1] for c in calls), strict=True)
+        ]
+        times = [spent for *_, spent in calls if spent is not None]
+        return every, errors, sum(times) if times else None
+
+    def _called(
+        self, names: tuple[str, ...], function: Callable[..., Any], points: Points
+    ) -> tuple[dict[str, Any], list[Any], Any]:
         count, who = len(next(iter(points.values()))), f"the function of sweep {self.name} returned"
-        returned = self.function(points, **self.constants)
+        returned = function(points, **self.constants)
         if not isinstance(returned, Mapping):
             returned = {VALUE: returned}
-        if len(self.variables) == 1 and VALUE in returned:
+        if len(names) == 1 and VALUE in returned:
             returned = dict(returned)
-            returned.setdefault(next(iter(self.variables)), returned.pop(VALUE))
-        self._check_declared(returned)
+            returned.setdefault(names[0], returned.pop(VALUE))
+        self._check_declared(returned, names)
         errors = [None] * count if returned.get(ERROR) is None else list(returned[ERROR])
         for error in errors:
             if not (error is None or isinstance(error, Exception)):
@@ -184,7 +198,8 @@ class Task:
         if times is not None and times.shape != (count,):
             raise ValueError(f"{who} {WALL_TIME!r} of shape {times.shape}; it must be ({count},)")
         results: dict[str, Any] = {}
-        for name, variable in self.variables.items() if None in errors else ():
+        for name in names if None in errors else ():
+            variable = self.variables[name]
             if name not in returned:
                 raise KeyError(f"{who} no {name!r}")
             values, expected = np.asarray(returned[name]), (count, *self.shapes[name])
@@ -204,10 +219,10 @@ class Task:
             results[name] = rounded(values.astype(variable.stored.dtype, copy=False), variable.digits)
         return results, errors, times
 
-    def _check_declared(self, returned: Mapping[str, Any]) -> None:
+    def _check_declared(self, returned: Mapping[str, Any], names: tuple[str, ...]) -> None:
         """Refuse results that are not declared: they would be lost without a word."""
-        for name in (each for each in returned if each not in (*self.variables, ERROR, WALL_TIME)):
-            what = f"{name!r}, which is not one of its variables, {', '.join(self.variables)}"
+        for name in (each for each in returned if each not in (*names, ERROR, WALL_TIME)):
+            what = f"{name!r}, which is not one of its variables, {', '.join(names)}"
             how = f"declare it, as {name!r}: {declaration(_present(returned[name])) or 'Variable(...)'}"
             raise UndeclaredError(f"the function of sweep {self.name} returned {what}; {how}, or do not return it")
 

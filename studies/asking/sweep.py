@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -77,9 +77,11 @@ def _declared(study: Study, points: Points, outputs: Mapping[str, Variable], coo
         for name, parameter in study.parameters.items()
         if name in fixed and name not in points.inner
     }
+    own = {name: {name: outputs[name]} for name in study.functions}
+    shared = {name: each for name, each in outputs.items() if name not in own}
     return Sweep(
         study.name,
-        partial(call.compute, _call(study, points, outputs, coords)),
+        partial(call.compute, _call(study, study.function, points, shared, coords)),
         points.grid,
         outputs,
         fixed,
@@ -89,6 +91,10 @@ def _declared(study: Study, points: Points, outputs: Mapping[str, Variable], coo
         # The modes of P1, of a rig and of an inclination are computed once for neighbours.
         order_by=tuple(n for n in axes if n not in ("V", "mu", "F", *FRICTION)) if product else (),
         request={"fixed": about},
+        functions={
+            name: partial(call.compute, _call(study, function, points, own[name], coords))
+            for name, function in study.functions.items()
+        },
         **_copies(study, points),
     )
 
@@ -109,11 +115,17 @@ def _of_contacts(study: Study, structure: Mapping[str, Any] | None) -> tuple[Stu
     return replace(study, normalised=study.normalised and not gaps, outputs=outputs), axis
 
 
-def _call(study: Study, points: Points, outputs: Mapping[str, Variable], coords: Mapping[str, Axis]) -> call.Call:
+def _call(
+    study: Study,
+    function: Callable[..., Any],
+    points: Points,
+    outputs: Mapping[str, Variable],
+    coords: Mapping[str, Axis],
+) -> call.Call:
     parameters, times = study.parameters, coords["elapsed"].values if "elapsed" in coords else None
     common = tuple(n for n in points.grid.axes if n in parameters and parameters[n].common)
     shapes = {name: tuple(len(coords[dim]) for dim in each.dims) for name, each in outputs.items()}
-    return call.Call(study.function, common, study.normalised, tuple(parameters), shapes, times, points.followed)
+    return call.Call(function, common, study.normalised, tuple(parameters), shapes, times, points.followed)
 
 
 def _copies(study: Study, points: Points) -> dict[str, Any]:

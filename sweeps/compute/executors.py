@@ -215,7 +215,7 @@ class Payload:
         # What travels with the function cannot differ there.
         travels, expected = by_value(), dict[str, str]()
         with suppress(InputError):  # it cannot be compared; then nothing of it is stored
-            every = digests([task.function], names)
+            every = digests([each for _, each in task.functions], names)
             expected = {home: each for home, each in every.items() if home not in travels}
         token = "" if writer is None else writer.token
         try:
@@ -267,12 +267,13 @@ def _unpacked(payload: Payload) -> tuple[Task, PartWriter | None]:
     """The task, if this worker has the client's code, and the writer of parts, if it sees their folder."""
     task, names, expected, token = cloudpickle.loads(payload.content)
     # What the code of the last run has changed, such as a cache, counts as it was before.
-    for functions, code, before in _seen:
-        settle(before, digests(functions, code))
-    here = digests([task.function], names) if expected else {}
+    for earlier, code, before in _seen:
+        settle(before, digests(earlier, code))
+    functions = [each for _, each in task.functions]
+    here = digests(functions, names) if expected else {}
     if {home: here.get(home) for home in expected} != expected:
         raise InputError("this worker has another version of the code; install the same one everywhere")
-    _seen[:] = [([task.function], names, here)]
+    _seen[:] = [(functions, names, here)]
     if os.getpid() != payload.client and threading.current_thread() is threading.main_thread():
         # A terminal sends Ctrl-C to all processes; the client's decides which batches are finished.
         signal.signal(signal.SIGINT, signal.SIG_IGN)

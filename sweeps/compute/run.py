@@ -28,10 +28,10 @@ from sweeps.fingerprint.provenance import Environment
 from sweeps.grid import FAILED
 from sweeps.plan.adoption import Adoption, changed, confirm
 from sweeps.plan.batches import BatchSizes, Queue
-from sweeps.plan.planning import ENGINE, ROW_BYTES, PlanData, duration, mixture, select, variables_of
+from sweeps.plan.planning import ENGINE, ROW_BYTES, PlanData, duration, make_plan, mixture, select
 from sweeps.status import Progress, Snapshot
 from sweeps.storage.assemble import Source, Table, assemble, restore_types
-from sweeps.storage.existing import existing, extended, opened
+from sweeps.storage.existing import PENDING_NAMES, existing, extended, opened
 from sweeps.storage.netcdf import described, write
 from sweeps.storage.parts import BOOKKEEPING, PartSource, PartWriter
 from sweeps.storage.store import Store, owner, write_state
@@ -66,6 +66,11 @@ def execute(
             if plan.adoption is not None:
                 plan = _adopt(plan, store, plan.adoption, compute)
             data, plan = _finish(plan, store, compute)
+        if plan.later:
+            fields = make_plan(
+                plan.sweep, store.file, fresh=False, retry_failed=False, strict=plan.strict, adopt=None
+            )
+            return execute(replace(plan, **fields), scheduler, workers, progress, fail_fast)
     if line := _failures(data):
         warnings.warn(f"{plan.sweep.name}: {line}", errors.FailedPointsWarning, stacklevel=3)
     return data, plan
@@ -141,7 +146,7 @@ def _finish(plan: PlanData, store: Store, compute: Callable[..., Table]) -> tupl
                 if table.damaged:
                     raise DamagedError(table.damaged[0], str(store.parts))
                 if plan.extends:
-                    _extend(plan, store, table)
+                    table = _extend(plan, store, table)
                 write(store, table, plan.sweep.derive)
             except DamagedError as problem:
                 # The next plan computes its points again.
@@ -155,18 +160,37 @@ def _finish(plan: PlanData, store: Store, compute: Callable[..., Table]) -> tupl
     return _requested(plan, store), replace(plan, version=store.version(), whole=True)
 
 
-def _extend(plan: PlanData, store: Store, table: Table) -> None:
-    """Refuse to add variables to the file of a function that gives other values of those which the file has."""
-    older = extended(store, plan.sweep.name, json.loads(plan.manifest.attributes["fingerprint"]))
-    if older is None:
+def _extend(plan: PlanData, store: Store, table: Table) -> Table:
+    """The results of a file with variables that it lacks.
+
+    Refused where the function that was called gives other values of those which the file has.
+    """
+    found = extended(
+        store, plan.sweep.name, json.loads(plan.manifest.attributes["fingerprint"]), pending=plan.alone
+    )
+    if found is None:
         raise StoreError(f"{store.file} has changed since this was planned; plan again")
-    line = changed(variables_of(older), Table(plan.manifest, older.sources), table)
+    older, names = found
+    if plan.alone:
+        attributes = dict(plan.manifest.attributes)
+        if failed := int(np.count_nonzero(table.status == FAILED)):
+            attributes[PENDING_NAMES] = ", ".join(names)
+            why = (
+                f"{table.reasons()[int(np.argmax(table.status == FAILED))].error}; retry_failed computes it again"
+            )
+            line = f"{plan.extends} failed at {failed} of {plan.distinct} stored points: {why}"
+            warnings.warn(f"{plan.sweep.name}: {line}", errors.FailedPointsWarning, stacklevel=5)
+        manifest = replace(plan.manifest, variables=plan.sweep.stored, attributes=attributes)
+        return Table(manifest, older.sources, table)
+    stored = [*json.loads(older.attributes["fingerprint"])["variables"]]
+    line = changed(stored, Table(plan.manifest, older.sources), table)
     for each in older.sources:
         each.data.close()  # type: ignore[union-attr]
     if line:
         store.clear_all()
         text = f"{plan.extends} cannot be added, and nothing has changed: {line}"
         raise StoreError(f"{store.file}: {text}; {errors.HINT_EITHER}")
+    return table
 
 
 def _requested(plan: PlanData, store: Store) -> xr.Dataset:

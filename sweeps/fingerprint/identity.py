@@ -21,7 +21,7 @@ from sweeps.grid import Declaration, Grid
 # Longer axes are summarised in the configuration, and longer arrays.
 LISTED, LONG = 20, 1000
 # Parts of a fingerprint that are of code.
-CODE = {"code", "sources", "compiler"}
+CODE = {"code", "sources", "compiler", "functions"}
 ABSENT = object()
 # Properties of a variable by which results are compared.
 COMPARED = ("dtype", "dims", "digits", "scale", "units")
@@ -99,6 +99,8 @@ def fingerprint(sweep: Declaration, reached: Covered) -> dict[str, Any]:
         "compiler": COMPILER,
     }
     parts |= {"sample": plain(sweep.grid.sampling)} if sweep.grid.sampling else {}
+    alone = {name: covered([each]) for name, each in sweep.functions.items()}
+    parts |= {"functions": {k: {"code": v.code, "sources": v.sources} for k, v in alone.items()}} if alone else {}
     return dict(json.loads(json.dumps(parts)))
 
 
@@ -108,14 +110,20 @@ def steady(sweep: Declaration, engine: Sequence[Callable[..., Any]], planned: st
 
     What the code changes while it runs, such as a cache, counts as it was before.
     """
-    before = coverage(sweep, engine)
-    if changed := differences(json.loads(planned), fingerprint(sweep, before)):
+
+    def codes(reached: Covered) -> list[dict[str, str]]:
+        return [reached.code, *(digests([each]) for each in sweep.functions.values())]
+
+    reached = coverage(sweep, engine)
+    if changed := differences(json.loads(planned), fingerprint(sweep, reached)):
         raise StoreError(f"{sweep.name} has changed since this was planned ({changed}); plan again")
+    before = codes(reached)
     try:
         yield
     finally:
         with suppress(InputError):
-            settle(before.code, coverage(sweep, engine).code)
+            for each in zip(before, codes(coverage(sweep, engine)), strict=True):
+                settle(*each)
 
 
 def metadata_digest(sweep: Declaration) -> str:
@@ -161,17 +169,33 @@ def recompiled(attributes: Mapping[str, str], present: Mapping[str, Any]) -> str
     return f"results are computed by code that {compiler} has compiled; the sources are the same"
 
 
+def restricted(present: Mapping[str, Any], stored: Mapping[str, Any]) -> dict[str, Any]:
+    """A fingerprint without the variables that a stored one lacks, their dimensions and their functions."""
+    parts = {part: present.get(part, {}) for part in ("variables", "coords", "functions")}
+    kept = {part: {k: v for k, v in each.items() if k in stored.get(part, {})} for part, each in parts.items()}
+    return {**present, **kept}
+
+
 def _code_difference(stored: Mapping[str, Any], present: Mapping[str, Any]) -> str:
     compiler = stored.get("compiler")
     if compiler is None:
         return "the fingerprint of its code is of an earlier version of sweeps"
     if compiler != present["compiler"]:
         # Another Python compiles otherwise, so the sources decide.
-        same = stored["sources"] == present["sources"]
+        sources = [_functions(each, "sources") | {"": each["sources"]} for each in (stored, present)]
+        same = sources[0] == sources[1]
         return "" if same else f"the sources have changed since {compiler} compiled them"
     names = sorted(name for name, *_ in _changed(stored["code"], present["code"]))
     others = " and others" if len(names) > 3 else ""
-    return f"the code of {', '.join(names[:3])}{others} has changed" if names else ""
+    if names:
+        return f"the code of {', '.join(names[:3])}{others} has changed"
+    alone = sorted(name for name, *_ in _changed(_functions(stored, "code"), _functions(present, "code")))
+    return f"the function of {', '.join(alone)} has changed" if alone else ""
+
+
+def _functions(each: Mapping[str, Any], what: str) -> dict[str, Any]:
+    """Digests of the variables that have a function of their own."""
+    return {name: json.dumps(own[what]) for name, own in each.get("functions", {}).items()}
 
 
 def _changed(before: Any, now: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:

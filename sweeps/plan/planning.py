@@ -7,7 +7,7 @@ is refined. A plan keeps some 15 bytes for each point.
 import json
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -37,7 +37,7 @@ from sweeps.plan import adoption
 from sweeps.refine.lattice import choose
 from sweeps.sample import check_same_draws
 from sweeps.storage.assemble import LARGE, Source, Table, rounded, scaled
-from sweeps.storage.existing import Existing, check_replaceable, existing, extended, unfinished
+from sweeps.storage.existing import PENDING_NAMES, Existing, check_replaceable, existing, extended, unfinished
 from sweeps.storage.parts import Manifest
 from sweeps.storage.store import Store, signature
 from sweeps.task import Task
@@ -89,6 +89,9 @@ class PlanData:
     adoption: adoption.Adoption | None
     adopted: str = ""
     shared: tuple[int, int] | None = None
+    # Whether only the variables that the file lacks are computed, and how many requested points follow then.
+    alone: bool = False
+    later: int = 0
 
     @property
     def extends(self) -> str:
@@ -109,6 +112,9 @@ class PlanData:
         chosen += " so far; their results may request more" * (self.todo > 0)
         others = mixed([*self.environments, environment(self.task.libraries)])
         covers, extends = [name for name in self.covers if not name.startswith("sweeps.")], self.extends
+        how = "stored points are computed again, and must come out the same"
+        if self.alone:
+            how = "computed alone at the stored points" + f"; then {self.later} other points" * (self.later > 0)
         packages = sorted({name.partition(".")[0] for name in covers})
         rows = {
             "sweep": self.sweep.name,
@@ -124,7 +130,7 @@ class PlanData:
             "estimated time": f"{time} on one core" if self.seconds > 0 else time,
             "at most": f"{duration(most)} for all points" if (most := self.most_seconds) > self.seconds else "",
             "adoption": str(self.adoption or self.adopted),
-            "added": extends and f"{extends}; stored points are computed again, and must come out the same",
+            "added": extends and f"{extends}; {how}",
             "file": str(self.store or ""),
             "depends on": ", ".join(covers if len(covers) <= MOST_NAMES else packages),
             "environment": others and f"{others}; stored points stay",
@@ -188,7 +194,7 @@ def _make_plan(
         function = inner
     attributes = {"source": source(home_of(function).partition(".")[0])}
     present, own, imported = Existing(sweep.grid, [], {}), dict[str, Any](code={}), tuple[str, ...]()
-    older: Existing | None = None
+    older, lacking, alone, later = None, list[str](), False, 0
     # Without a store nothing is compared, so the function may carry anything.
     if place is not None:
         reached = coverage(sweep, ENGINE)
@@ -197,9 +203,17 @@ def _make_plan(
         if fresh:
             check_replaceable(place, sweep.name)
         else:
-            older = _older(sweep, place, own) if adopt is None else None
+            older, lacking = _older(sweep, place, own, retry_failed) if adopt is None else (None, [])
             nothing = present if older is None else older._replace(sources=[], attributes={})
             present = existing(place, sweep.name, own, code=adopt is None, file=older is None) or nothing
+            if older is not None:
+                stored = json.loads(older.attributes["fingerprint"])
+                same = not differences(stored, identity.restricted(own, stored))
+                alone = same and all(name in sweep.functions for name in lacking)
+            if present.manifest is not None and {*present.manifest.variables} != {
+                *(lacking if alone else own["variables"])
+            }:
+                present = nothing  # parts of variables that were added to a file, which is gone
             check_same_draws(place.file, present.grid, sweep.grid)
 
     if (line := identity.recompiled(present.attributes, own)) and adopt is None:
@@ -215,14 +229,20 @@ def _make_plan(
     requested &= mask
     skipped = sweep.grid.size - int(np.count_nonzero(requested))
     if older is not None:
-        # What is stored is computed again, with the variables that it lacks.
-        names = [name for name in own["variables"] if name not in variables_of(older)]
-        attributes["extends"], fresh = ", ".join(names), True
-        rows = np.arange(older.grid.size)
-        there = np.isin(older.sources[0].read("status", rows), (DONE, FAILED))
+        # What is stored is computed again with the variables that it lacks, or these alone.
+        attributes["extends"], fresh = ", ".join(lacking), True
+        rows, wanted = np.arange(older.grid.size), requested
+        there = np.isin(older.sources[0].read("status", rows), (DONE,) if alone else (DONE, FAILED))
+        if alone:
+            requested = np.zeros_like(wanted)
+            there &= _missing(older, lacking, rows)
         requested[grid.align(older.grid)(rows[there])] = True
         requested &= mask
-    axes = replace(grid, skip=None), sweep.coords, sweep.stored
+        later = int(np.count_nonzero(wanted & ~requested)) if alone else 0
+    elif PENDING_NAMES in present.attributes:
+        attributes[PENDING_NAMES] = present.attributes[PENDING_NAMES]
+    variables = {name: each for name, each in sweep.stored.items() if not alone or name in lacking}
+    axes = replace(grid, skip=None), sweep.coords, variables
     points = representatives(sweep, grid, requested, mask & ~requested), factors(sweep, grid, mask)
     manifest = Manifest(sweep.name, sweep.title or sweep.name, *axes, *points, attributes, fresh)
     if (before := present.manifest) is not None:
@@ -238,9 +258,15 @@ def _make_plan(
     mixture(file or sweep.name, [*selection["environments"], environment(imported)], strict)
     finished = bool(present.sources) and present.manifest is None and not selection["todo"]
     same = present.attributes.get("metadata_digest") == attributes.get("metadata_digest")
-    shapes = {name: manifest.shape(name) for name in sweep.variables}
-    what = sweep.name, sweep.function, sweep.constants, sweep.variables, shapes
-    shrunk = {name: 1.0 if each.digits is None else COMPRESSED for name, each in sweep.stored.items()}
+    shapes = {name: manifest.shape(name) for name in variables}
+    what = (
+        sweep.name,
+        _functions(sweep, variables),
+        sweep.constants,
+        {n: sweep.variables[n] for n in variables},
+        shapes,
+    )
+    shrunk = {name: 1.0 if each.digits is None else COMPRESSED for name, each in variables.items()}
     return selection | {
         "sweep": sweep,
         "store": file,
@@ -257,20 +283,36 @@ def _make_plan(
         "whole": finished and same and grid.size == present.grid.size and adopted is None,
         "strict": strict,
         "adoption": adopted,
+        "alone": alone,
+        "later": later,
     }
 
 
-def _older(sweep: Declaration, place: Store, own: Fields) -> Existing | None:
-    """The file that gets variables which it lacks, unless a run of something else goes on there."""
+def _older(sweep: Declaration, place: Store, own: Fields, pending: bool) -> tuple[Existing | None, list[str]]:
+    """The file that gets variables which it lacks, and their names, unless a run of something else goes on."""
     run = unfinished(place)
     if sweep.refinement is not None or (run is not None and "extends" not in run.attributes):
-        return None
-    return extended(place, sweep.name, own)
+        return None, []
+    return extended(place, sweep.name, own, pending=pending) or (None, [])
 
 
-def variables_of(older: Existing) -> list[str]:
-    """The variables that a file has."""
-    return [*json.loads(older.attributes["fingerprint"])["variables"]]
+def _missing(older: Existing, names: Sequence[str], rows: NDArray[Any]) -> Flags:
+    """Rows of a file that have no value of some variables."""
+    stored, missing = json.loads(older.attributes["fingerprint"])["variables"], np.zeros(len(rows), dtype=bool)
+    for name in names:
+        values = older.sources[0].read(name, rows).reshape(len(rows), -1) if name in stored else None
+        floats = values is not None and values.dtype.kind == "f"
+        missing |= np.isnan(values).all(axis=1) if values is not None and floats else True
+    return missing
+
+
+def _functions(sweep: Declaration, names: Iterable[str]) -> tuple[tuple[tuple[str, ...], Any], ...]:
+    """The functions that compute some variables, and which of them each returns."""
+    found: dict[int, tuple[list[str], Any]] = {}
+    for name in names:
+        function = sweep.functions.get(name, sweep.function)
+        found.setdefault(id(function), ([], function))[0].append(name)
+    return tuple((tuple(own), function) for own, function in found.values())
 
 
 def representatives(sweep: Declaration, grid: Grid, requested: Flags, others: Flags) -> NDArray[Any] | None:

@@ -118,17 +118,19 @@ class Table:
 
     `status`, `source`, `row` (-1 where there is none) and `is_copy`, whether the result was computed at another
     point, have an entry for each point; `seconds` and `computations` are those of all sources. `damaged` are the
-    names of parts that are left out, `environments` those in which the others were computed.
+    names of parts that are left out, `environments` those in which the others were computed. `added` has the
+    variables that the sources lack, where it is done.
     """
 
-    def __init__(self, manifest: Manifest, sources: Sequence[Source]) -> None:
+    def __init__(self, manifest: Manifest, sources: Sequence[Source], added: "Table | None" = None) -> None:
         size = manifest.grid.size
-        self.manifest, self.sources = manifest, sources
+        self.manifest, self.sources, self.added = manifest, sources, added
         self.status = np.full(size, PENDING, dtype=np.int8)
         self.source, self.row = np.full((2, size), -1, dtype=np.int32)
         self.is_copy = np.zeros(size, dtype=bool)
         self.seconds, self.computations = 0.0, 0
-        self.damaged, self.environments = list[str](), list[dict[str, str]]()
+        self.damaged = list[str]()
+        self.environments: list[dict[str, str]] = [] if added is None else [*added.environments]
         for number, source in enumerate(sources):
             try:
                 points, failed, seconds, computations, environments = source.coverage(manifest)
@@ -169,7 +171,10 @@ class Table:
         """Values of a variable, or `wall_time`, at a range of points."""
         variable, index = self.manifest.variable(name), np.arange(len(self.status))[points]
         values = variable.absent((len(index), *self.manifest.shape(name)))
+        new = self.added if self.added is not None and name in self.added.manifest.variables else None
         for source, rows, at in self._by_source(index):
+            if new is not None and isinstance(source, FileSource) and name not in source.data:
+                continue
             # A slice copies faster, or not at all.
             part = isinstance(source, PartSource) and bool(np.all(np.diff(rows) == 1))
             found = source.read(name, slice(int(rows[0]), int(rows[-1]) + 1) if part else rows)
@@ -181,6 +186,9 @@ class Table:
                     factor = factor / factors[self.manifest.grid.align(source.grid)(rows)]
                 found = scaled(found, factor, variable.digits)
             values[at] = found
+        if new is not None:
+            done = new.status[points] == DONE
+            values[done] = new.values(name, points)[done]
         if name == "wall_time":
             values[self.is_copy[points]] = 0.0
         return values

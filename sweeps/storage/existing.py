@@ -14,13 +14,15 @@ import xarray as xr
 
 from sweeps import errors
 from sweeps.errors import UNREADABLE, DamagedError, InputError, MissingFileError, StoreError, message
-from sweeps.fingerprint.identity import differences
+from sweeps.fingerprint.identity import differences, restricted
 from sweeps.grid import Axis, Grid, axis_values
 from sweeps.storage.assemble import FileSource, Source, Table, assemble, open_netcdf, present, restore_types
 from sweeps.storage.netcdf import described
 from sweeps.storage.parts import Manifest, PartSource
 from sweeps.storage.store import Store, check_trailer, signature
 
+# The attribute of a file that names the variables of which not all stored points have a value.
+PENDING_NAMES = "pending"
 # A file up to this size is read at once, so that it can be replaced meanwhile.
 READ_AT_ONCE = 50_000_000
 
@@ -53,15 +55,22 @@ def existing(
     return Existing(grid, sources_of(store, manifest, strict=True), manifest.attributes, manifest)
 
 
-def extended(store: Store, name: str, fingerprint: Mapping[str, Any]) -> Existing | None:
-    """The finished file of the sweep from before it had some variables; None if more than code differs besides."""
+def extended(
+    store: Store, name: str, fingerprint: Mapping[str, Any], *, pending: bool = False
+) -> tuple[Existing, list[str]] | None:
+    """The finished file of the sweep that lacks variables, and their names; None if more than code differs.
+
+    With `pending`, variables count as lacking of which the file has not all values.
+    """
     with suppress(*UNREADABLE), open_netcdf(store.file, cache=False) as data:
         stored = json.loads(data.attrs["fingerprint"])
-        now = {part: dict(fingerprint[part]) for part in ("variables", "coords")}
-        added = now["variables"].keys() - stored["variables"].keys()
-        kept = {part: {k: v for k, v in each.items() if k in stored[part]} for part, each in now.items()}
-        if added and not differences(stored, {**fingerprint, **kept}, code=False):
-            return _finished(store, name, stored)
+        same = pending and not differences(stored, restricted(fingerprint, stored))
+        incomplete = data.attrs.get(PENDING_NAMES, "").split(", ") if same else []
+        lacking = [
+            each for each in fingerprint["variables"] if each not in stored["variables"] or each in incomplete
+        ]
+        if lacking and not differences(stored, restricted(fingerprint, stored), code=False):
+            return _finished(store, name, stored), lacking
     return None
 
 
