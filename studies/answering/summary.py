@@ -95,6 +95,8 @@ def general(dataset: xr.Dataset) -> Iterator[Any]:
         finite = values[np.isfinite(values)]
         low, middle, high = np.quantile(finite, (0.05, 0.5, 0.95)) if len(finite) else (np.nan,) * 3
         rows.append((f"{name} {labels.unit_of(dataset[name])[0]}".strip(), len(finite), low, middle, high))
+    if done.any() and (empty := [name for name, row in zip(names, rows, strict=True) if not row[1]]):
+        yield f"No point has a value of {', '.join(empty)}: every computation returned NaN or infinity."
     if rows and done.any():
         yield "Quantiles", pd.DataFrame(rows, columns=["quantity", "points", "5 %", "median", "95 %"])
     elif not rows:

@@ -138,6 +138,12 @@ def test_summary_figure_and_derived_values_are_of_the_usual_dimensions_only():
     assert set(runner.draw(study, data)) == {""}
 
 
+def test_the_summary_says_which_output_no_point_has():
+    outputs = {name: ("m", "height") for name in "yz"}
+    text = summary.text(summary.general(run(study_of(lambda x: {"y": x, "z": x * np.nan}, outputs))))
+    assert "No point has a value of z: every computation returned NaN or infinity." in " ".join(text.split())
+
+
 def test_auto_is_no_number():
     def function(x, limit):
         return {"y": x if limit is None else np.minimum(x, limit)}
