@@ -148,7 +148,7 @@ def _trials(problem: _Problem, sets: Array) -> tuple[Array, Array]:
 
 
 def _searched(problem: _Problem) -> Array:
-    """One set of contacts, (1, c), of which none pulls while the others do not overlap, unless it is not found."""
+    """Search for closed contacts, (1, c), of which none pulls while no open one overlaps; else the last trial."""
     closed = np.ones((1, len(problem.free)), dtype=bool)
     for k in range(ITERATIONS):
         forces, gaps = _trials(problem, closed)

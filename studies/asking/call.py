@@ -91,7 +91,7 @@ def compute(call: Call, points: Mapping[str, Any], **fixed: Any) -> dict[str, An
 
 
 def _computed(call: Call, numbers: Mapping[str, Any], points: Mapping[str, Any]) -> dict[str, Any]:
-    """What the function returns for points with the same common parameters, in the declared shapes."""
+    """Call the function for points with the same common parameters; outputs in the declared shapes."""
     count = len(next(iter(points.values())))
     given = call.arguments(numbers, count)
     found = dict(call.function(**given))

@@ -211,7 +211,7 @@ def rest_gaps(model: ReducedModel, step: float) -> Array:
 
 @one_blas_thread()
 def law_of(model: ReducedModel, scene: Normalised, step: float) -> Law:
-    """What a step of a scene needs."""
+    """Constants of a step of a scene with several contacts."""
     contact, c, rigid = model.discrete(step), len(model.normal), not model.K.any()
     falls, M, S = not scene.friction.constant, contact.delassus, contact.flexibility
     keep = float(np.exp(-step / contact.tau)) if contact.tau else 0.0

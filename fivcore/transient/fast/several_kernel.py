@@ -39,7 +39,7 @@ COUNTERS = 7
 
 
 class Law(NamedTuple):
-    """What does not change: (2c, ...) arrays have first all normal rows."""
+    """Constants of a step; arrays (2c, ...) have the rows of all normal directions first."""
 
     # Gap shapes, (2c, m); flow over a step, (4, m); B and damping, (m,).
     gaps: Array
@@ -69,7 +69,7 @@ class Law(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What a step changes."""
+    """State that a step updates."""
 
     q: Array
     v: Array
@@ -130,7 +130,7 @@ def see(gaps: Any, q: Any, v: Any, g: Any, r: Any) -> None:
 
 @reordered
 def kick(gaps: Any, impulse: Any, push: Any) -> None:
-    """What impulses give the modes; of a contact that is open at rest and now there is none."""
+    """Compute the modal impulse `push` of the contact impulses; most of the time open contacts have none."""
     c = gaps.shape[0] // 2
     push[:] = 0.0
     for i in range(c):
