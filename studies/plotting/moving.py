@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from fivcore import Rig, Structure, node_positions, node_shapes, with_numerical_damping
+from fivcore import Rig, SlidingModes, Structure, node_positions, node_shapes, with_numerical_damping
 from studies.answering import results
 from studies.declaring import labels
 from studies.motion import run
@@ -31,6 +31,8 @@ Array = np.ndarray[Any, Any]
 FRAMES, FILMED, SHOWN, DRAWN, COLUMNS = 48, 100, 2.0, 0.045, 3
 # Colour and marker of the contact.
 STATES = {SEPARATION: (figures.ORANGE, "o"), STICK: (figures.BLACK, "s"), SLIP: (figures.BLUE, "o")}
+# VTK's types of a vertex and a line, by their number of nodes, and of numbers.
+VTK_TYPES = {1: 1, 2: 3}
 KINDS = {"Float64": "f8", "Int64": "i8", "UInt8": "u1"}
 
 
@@ -118,6 +120,18 @@ def mode(dataset: xr.Dataset) -> Iterator[Moving]:
 
 def _beams(beam: Array) -> list[tuple[str, Array]]:
     return [(f"P{number}", np.flatnonzero(beam == number)) for number in (1, 2)]
+
+
+def sliding(own: Structure, modes: SlidingModes) -> Moving:
+    """Of a structure with positions, the sliding mode, at one mu, that grows fastest or decays slowest."""
+    shape = own.displacement(modes.shape)
+    k = int(np.argmax(np.where(modes.frequency > 0.0, modes.growth_rate, -np.inf)))
+    if not modes.frequency[k] > 0.0:
+        raise InputError(f"mu = {modes.mu:g}: no mode below {modes.fmax:g} Hz oscillates; give another mu or fmax")
+    where = f"μ = {labels.number(float(modes.mu))}, {modes.frequency[k]:.0f} Hz"
+    title = f"Mode at {where}, growth rate {labels.number(modes.growth_rate[k])} 1/s"
+    edges = () if own.edges is None else own.edges
+    return oscillating(title, modes.frequency[k], own.nodes, shape[k], [("", pair) for pair in edges])
 
 
 def contact(dataset: xr.Dataset) -> Iterator[Moving]:
@@ -263,29 +277,29 @@ def film(moving: Moving, form: str) -> bytes:
 def vtu(moving: Moving, k: int) -> str:
     """A frame as VTK's XML file of an unstructured grid: nodes as drawn, their displacement and its amplitude."""
     place = moving.place + moving.scale * moving.moved[k]
-    cells = [nodes for _, nodes in moving.lines] or [np.array([each]) for each in range(len(place))]
-    kind = 4 if moving.lines else 1  # a line through nodes, or a vertex
-    each = [*range(1, len(cells) + 1)] if moving.lines else [0] * len(cells)
-    state = [] if moving.state is None else [("state", moving.state[k : k + 1], "Int64")]
+    numbered = enumerate(nodes for _, nodes in moving.lines)
+    pieces = [np.column_stack([nodes[:-1], nodes[1:], np.full(len(nodes) - 1, k)]) for k, nodes in numbered]
+    # Lines of two nodes, which every reader knows; without lines the nodes.
+    vertices = np.column_stack([np.arange(len(place)), np.zeros(len(place), int)])
+    *nodes, line = np.concatenate(pieces or [vertices]).T
     parts = {
-        "FieldData": state,
+        "FieldData": [] if moving.state is None else [("state", moving.state[k : k + 1], "Int64")],
         "PointData": [
             ("displacement", moving.moved[k], "Float64"),
             ("amplitude", np.linalg.norm(moving.moved[k], axis=1), "Float64"),
         ],
-        "CellData": [("line", each, "Int64")],
+        "CellData": [("line", line + 1, "Int64")],
         "Points": [("points", place, "Float64")],
         "Cells": [
-            ("connectivity", np.concatenate(cells), "Int64"),
-            ("offsets", np.cumsum([len(nodes) for nodes in cells]), "Int64"),
-            ("types", [kind] * len(cells), "UInt8"),
+            ("connectivity", np.ravel(nodes, "F"), "Int64"),
+            ("offsets", len(nodes) * np.arange(1, len(line) + 1), "Int64"),
+            ("types", np.full(len(line), VTK_TYPES[len(nodes)]), "UInt8"),
         ],
     }
     text = {name: "".join(_array(*array) for array in arrays) for name, arrays in parts.items()}
     body = "".join(f"<{name}>{text[name]}</{name}>\n" for name in list(parts)[1:])
-    field_data = f"<FieldData>{text['FieldData']}</FieldData>\n" if state else ""
-    head = f'<Piece NumberOfPoints="{len(place)}" NumberOfCells="{len(cells)}">\n'
-    return _vtk("UnstructuredGrid", f"{field_data}{head}{body}</Piece>\n")
+    head = f'<Piece NumberOfPoints="{len(place)}" NumberOfCells="{len(line)}">\n'
+    return _vtk("UnstructuredGrid", f"<FieldData>{text['FieldData']}</FieldData>\n{head}{body}</Piece>\n")
 
 
 def _vtk(kind: str, body: str) -> str:
