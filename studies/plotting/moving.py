@@ -125,9 +125,9 @@ def _beams(beam: Array) -> list[tuple[str, Array]]:
 def sliding(own: Structure, modes: SlidingModes) -> Moving:
     """Of a structure with positions, the sliding mode, at one mu, that grows fastest or decays slowest."""
     shape = own.displacement(modes.shape)
-    k = int(np.argmax(np.where(modes.frequency > 0.0, modes.growth_rate, -np.inf)))
-    if not modes.frequency[k] > 0.0:
+    if not np.any(oscillates := modes.frequency > 0.0):
         raise InputError(f"mu = {modes.mu:g}: no mode below {modes.fmax:g} Hz oscillates; give another mu or fmax")
+    k = int(np.argmax(np.where(oscillates, modes.growth_rate, -np.inf)))
     where = f"μ = {labels.number(float(modes.mu))}, {modes.frequency[k]:.0f} Hz"
     title = f"Mode at {where}, growth rate {labels.number(modes.growth_rate[k])} 1/s"
     edges = () if own.edges is None else own.edges
@@ -219,7 +219,8 @@ def draw(moving: Moving) -> tuple[Figure, Callable[[int], None]]:
     scene.add_collection(LineCollection([still[nodes] for _, nodes in moving.lines], **look))
     lines = LineCollection([], colors=figures.BLACK, linewidths=2.0 if len(moving.lines) < 9 else 0.6)
     scene.add_collection(lines)
-    (nodes,) = scene.plot([], [], "" if moving.lines else ".", color=figures.BLACK, markersize=3.0)
+    marker: Any = {"linestyle": "none", "marker": None if moving.lines else ".", "markersize": 3.0}
+    (nodes,) = scene.plot([], [], color=figures.BLACK, **marker)
     for name, along in moving.lines:
         scene.annotate(name, still[along[-1 if name == "P2" else 0]], (4, 6), textcoords="offset points")
     marks = {at: scene.plot([], [], "o", markersize=9.0, zorder=4.0)[0] for at in moving.points.values()}
