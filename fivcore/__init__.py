@@ -35,7 +35,7 @@ from fivcore.stability.intervals import OnsetCurve, OnsetCurves, UnstableWindows
 from fivcore.stability.many import FlutterOnsets, ManyFlutterOnsets, flutter_onsets, flutter_onsets_many
 from fivcore.stability.sensitivity import OnsetSensitivity, onset_sensitivity
 from fivcore.stability.several import steady_forces
-from fivcore.stability.sliding import SlidingModes, node_positions, sliding_modes
+from fivcore.stability.sliding import SlidingModes, node_positions, node_shapes, sliding_modes
 from fivcore.stability.tied import glued_frequencies, tune_head_mass
 from fivcore.structure import Structure, modal_structure, motion_cutoff
 from fivcore.transient import exact, observe, published
@@ -61,7 +61,7 @@ __all__ = [
     "fixed_contact", "flutter_onsets", "flutter_onsets_many", "follow_cycle", "full_model",
     "glued_frequencies", "growing_frequencies", "is_stable_step", "largest_stable_step", "limit_cycle",
     "loading_time", "located", "lyapunov_exponent", "modal_structure", "model_exponents", "modified",
-    "motion_cutoff", "node_positions", "observe", "on_foot", "one_contact", "onset_curves",
+    "motion_cutoff", "node_positions", "node_shapes", "observe", "on_foot", "one_contact", "onset_curves",
     "onset_sensitivity", "painleve_mu", "propagator", "published", "reduced_model", "simulate",
     "simulate_many", "sliding_modes", "sliding_onsets", "sliding_shape", "slip_distance", "speed_per_load",
     "steady_forces", "structure_files", "tune_head_mass", "unstable_windows", "with_numerical_damping",

@@ -84,6 +84,10 @@ class Structure(ContactModel, ReadOnlyArrays):
         The structure for motion, where that needs more modes than stability.
     gap, friction : ndarray, (c,), or None
         Of several contacts: initial gaps, m, and factors of mu; None with one contact.
+    nodes, numbers, shapes, edges : ndarray, (k, 3), (k,), (k, 3, m), (e, 2), or None
+        Kept on request: positions of nodes, m, their numbers, their displacement in each computed mode, kg^-1/2,
+        and indices of pairs of nodes that the stiffness connects, none of a full matrix. They have no part in
+        `digest`: stability and motion depend on the contact alone.
     """
 
     stiffness: Array
@@ -101,6 +105,10 @@ class Structure(ContactModel, ReadOnlyArrays):
     wider: Structure | None = None
     gap: Any = None
     friction: Any = None
+    nodes: Any = None
+    numbers: Any = None
+    shapes: Any = None
+    edges: Any = None
 
     @classmethod
     def of(cls, rig: Rig, theta: float) -> Structure:
@@ -123,6 +131,9 @@ class Structure(ContactModel, ReadOnlyArrays):
         damping_ratio: Any = None,
         gap: Any = None,
         friction: Any = None,
+        node_positions: Any = None,
+        node_numbers: Any = None,
+        node_shapes: Any = None,
     ) -> Structure:
         """Take mass-normalised modes; all that the structure has, so that the surfaces touch rigidly.
 
@@ -147,6 +158,10 @@ class Structure(ContactModel, ReadOnlyArrays):
         gap, friction : float or array_like, (c,), optional
             Of several contacts: initial gaps, m, 0 where they touch without load (default), positive where they
             are open; factors of the coefficient of friction. Default: 0 and 1.
+        node_positions, node_shapes : array_like, (k, 3) and (k, 3, n), optional
+            Positions of nodes, m, and their displacement in each mode, kg^-1/2, which are kept.
+        node_numbers : array_like of int, (k,), optional
+            Their numbers in files; from 1 by default.
 
         Raises
         ------
@@ -161,7 +176,15 @@ class Structure(ContactModel, ReadOnlyArrays):
         pushed = _row("load", load, n)
         read = rows[len(rows) // 2 :].mean(axis=0) if output is None else _row("output", output, n)
         inertia = np.zeros(n) if drive is None else -_row("drive", drive, n)
-        return _modal(np.vstack([omega**2, rows, pushed, inertia, read]), own, (d1, d2), damping_ratio)
+        found = _modal(np.vstack([omega**2, rows, pushed, inertia, read]), own, (d1, d2), damping_ratio)
+        if node_positions is None:
+            return found
+        nodes, numbers = _positions(node_positions, node_numbers)
+        shapes = _finite("node_shapes", node_shapes)
+        if shapes.shape != (*nodes.shape, n):
+            raise InputError(f"node_shapes of shape {shapes.shape}: it must be {(*nodes.shape, n)}")
+        ordered = shapes[..., np.argsort(omega**2, kind="stable")]
+        return replace(found, nodes=nodes, numbers=numbers, shapes=ordered)
 
     @classmethod
     @one_blas_thread()
@@ -183,6 +206,9 @@ class Structure(ContactModel, ReadOnlyArrays):
         friction: Any = None,
         fmax: float | None = None,
         names: Sequence[str] | None = None,
+        node_positions: Any = None,
+        node_numbers: Any = None,
+        node_rows: Any = None,
     ) -> Structure:
         """Compute the modes of a finite-element model with its contact open.
 
@@ -209,6 +235,14 @@ class Structure(ContactModel, ReadOnlyArrays):
             For motion as many modes are computed as it needs (`wider`).
         names : sequence of str, (n,), optional
             What messages call the degrees of freedom. Default: "degree of freedom 7", from 0.
+        node_positions : array_like, (k, 3) or (k, 2), optional
+            Positions of nodes, m. With them the eigenvectors are kept (`shapes`), and `displacement` brings modes
+            back to the nodes.
+        node_numbers : array_like of int, (k,), optional
+            Their numbers in files; from 1 by default.
+        node_rows : array_like of int, (k, 3) or (k, 2), optional
+            The degrees of freedom along x, y and z of each node, -1 where there is none. Default: those of a node
+            follow each other, and as many belong to each.
 
         Raises
         ------
@@ -227,6 +261,7 @@ class Structure(ContactModel, ReadOnlyArrays):
         rows["normal"], rows["tangential"] = np.split(touching, 2)
         if names is not None and len(names) != n:
             raise InputError(f"names: there are {len(names)}; it must be {n}, one for each degree of freedom")
+        kept = None if node_positions is None else _kept(node_positions, node_numbers, node_rows, K)
         remarks, free, diagonal = tuple[str, ...](), free_rows(K), K.diagonal()
         name = np.array([f"degree of freedom {dof}" for dof in range(n)] if names is None else names)[free]
         if not free.all():
@@ -250,6 +285,12 @@ class Structure(ContactModel, ReadOnlyArrays):
             if not np.array_equal(struck, rows["normal"]):
                 moved = np.pad(struck @ vectors, ((0, 0), (0, found.static)))
                 found = replace(found, struck=moved.reshape(found.normal.shape))
+            if kept is not None and top == band:
+                nodes, numbers, dofs, edges = kept
+                # Held degrees of freedom, and those that are not there, do not move.
+                whole = np.zeros((n + 1, len(values)))
+                whole[:-1][free] = vectors[:, np.argsort(values, kind="stable")]
+                found = replace(found, nodes=nodes, numbers=numbers, shapes=whole[dofs], edges=edges)
             return found if C is None else _with_matrix(found, vectors.T @ (C @ vectors))
 
         return _for_motion(up_to(band), band, len(name), up_to)
@@ -375,6 +416,12 @@ class Structure(ContactModel, ReadOnlyArrays):
         elastic = self.frequency[self.frequency > 0.0]
         return MIDDLE / float(np.clip(MIDDLE, elastic.min(), elastic.max())) if len(elastic) else 1.0
 
+    def displacement(self, modal: Any) -> Any:
+        """Displacement of the nodes, (..., k, 3), for coordinates of the computed modes, (..., m)."""
+        if self.shapes is None:
+            raise InputError("structure: it keeps no eigenvectors; give node_positions (in a file: positions)")
+        return np.einsum("kdm,...m->...kd", self.shapes, np.asarray(modal))
+
     def with_stiffness_damping(self, added: float) -> Structure:
         """With `added` s more stiffness damping."""
         own = self.stiffness * (np.arange(len(self.stiffness)) < len(self.frequency))
@@ -483,6 +530,41 @@ def _over_dofs(name: str, value: Any, n: int) -> Array:
             raise InputError(f"{name}: degree of freedom {dof!r}: it must be from 0 to {n - 1}")
         row[dof] = checks.number(f"{name}: weight of {dof}", weight, "a finite number", lambda _: True)
     return row
+
+
+def _finite(name: str, value: Any) -> Array:
+    return checks.array(name, value, lambda each: checks.number(name, each, "a finite number", np.isfinite))
+
+
+def _positions(value: Any, numbers: Any) -> tuple[Array, Any]:
+    """Positions of nodes in space, (k, 3), and their numbers, (k,)."""
+    nodes = _finite("node_positions", value)
+    if nodes.ndim != 2 or nodes.shape[1] not in (2, 3) or not len(nodes):
+        raise InputError(f"node_positions of shape {nodes.shape}: it must be (k, 3) or (k, 2)")
+    each = np.arange(1, len(nodes) + 1) if numbers is None else np.array(numbers)
+    if each.shape != nodes.shape[:1] or each.dtype.kind not in "iu" or len(np.unique(each)) < len(each):
+        raise InputError(f"node_numbers of shape {each.shape}: it must be {len(nodes)} whole numbers that differ")
+    return np.pad(nodes, ((0, 0), (0, 3 - nodes.shape[1]))), each
+
+
+def _kept(positions: Any, numbers: Any, rows: Any, K: Any) -> tuple[Array, Any, Any, Any]:
+    """Positions of nodes, numbers, degrees of freedom, (k, 3), and pairs of nodes that the stiffness connects."""
+    (nodes, numbers), n = _positions(positions, numbers), K.shape[0]
+    own, rest = divmod(n, len(nodes))
+    if rows is None and rest:
+        raise InputError(f"node_positions: {len(nodes)} nodes do not share {n} degrees of freedom; give node_rows")
+    dofs = np.arange(n).reshape(len(nodes), own)[:, :3] if rows is None else np.asarray(rows)
+    if dofs.dtype.kind not in "iu" or dofs.shape[:1] != nodes.shape[:1] or dofs.ndim != 2 or dofs.shape[1] > 3:
+        raise InputError(f"node_rows of shape {dofs.shape}: it must be whole numbers, 2 or 3 for each node")
+    if dofs.min() < -1 or dofs.max() >= n:
+        raise InputError(f"node_rows = {dofs.min()} to {dofs.max()}: each must be from -1 to {n - 1}")
+    dofs = np.pad(dofs, ((0, 0), (0, 3 - dofs.shape[1])), constant_values=-1)
+    node = np.full(n + 1, -1)
+    node[dofs] = np.arange(len(nodes))[:, None]
+    node[-1] = -1
+    pairs = np.sort(np.stack([node[each] for each in sparse.coo_array(K).coords], axis=1), axis=1)
+    edges = np.unique(pairs[(pairs[:, 0] >= 0) & (pairs[:, 0] < pairs[:, 1])], axis=0)
+    return nodes, numbers, dofs, edges if len(edges) < max(len(nodes) * (len(nodes) - 1) // 2, 4) else edges[:0]
 
 
 def _contact_rows(

@@ -57,17 +57,22 @@ def read_matrix(path: str | Path, key: str | None = None) -> tuple[sparse.csr_ar
         return matrix.astype(float), labels
 
 
-def read_modes(path: str | Path, rows: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def read_modes(
+    path: str | Path, rows: Mapping[str, Any] | None = None, positions: Mapping[int, Array] | None = None
+) -> dict[str, Any]:
     """Read mass-normalised modes: by name, an array with a value for each mode.
 
     A CSV file has a line for each mode, and columns frequency [Hz], normal, tangential, and optionally load,
     output, drive, damping_ratio. For a universal file (`.uff`, `.unv`; data sets 55 and 2414) `rows` says what
     these are, as in {"normal": "node 12, x"}; its shapes are divided by the root of the modal mass where the file
-    has one, and are brought from the units of its data set 164 to SI.
+    has one, and are brought from the units of its data set 164 to SI. With `positions`, m, of its nodes the shapes
+    are kept.
     """
     with reading(path):
         if Path(path).suffix.lower() in (".uff", ".unv"):
-            return _universal(Path(path), rows or {})
+            return _universal(Path(path), rows or {}, positions)
+        if positions:
+            raise InputError("positions: its modes have no shapes at nodes; a universal file has them")
         head, *lines = Path(path).read_text("utf-8-sig").splitlines() or [""]
         heads = [re.sub(r"(?<=frequency) *\[Hz\]", "", name.strip('" ')) for name in head.split(",")]
         columns = np.loadtxt(lines or ["nan"], delimiter=",", ndmin=2).T
@@ -86,6 +91,8 @@ def structure_arguments(path: str | Path) -> tuple[str, dict[str, Any]]:
     node and a direction for each row. In place of matrices, `modes` is a file for `read_modes`, or each table
     [[mode]] is a mode.
 
+    `positions`, a text file with node, x, y, z, or a universal file, keeps the shapes of modes at nodes.
+
     Of several contacts `normal` and `tangential` are lists, or `contacts` is a list of tables {normal, tangential,
     gap, friction}, or {pairs = [[12, 40], ...], normal = "y", tangential = "x", ...}: gaps of the first nodes over
     the second ones.
@@ -101,10 +108,11 @@ def structure_arguments(path: str | Path) -> tuple[str, dict[str, Any]]:
             arguments = _numbers(columns, COLUMNS, COLUMNS[:3])
             arguments = {name: np.transpose(each) for name, each in arguments.items()}
         elif "modes" in content:
-            _check_names(content, ("modes", *GIVEN_ROWS, *NUMBERS[:-1]))
-            arguments = read_modes(_file(folder, content["modes"]), rows)
+            _check_names(content, ("modes", *GIVEN_ROWS, *NUMBERS[:-1], "positions"))
+            arguments = read_modes(_file(folder, content["modes"]), rows, _positions(content, folder))
         else:
-            _check_names(content, (*MATRICES, *GIVEN_ROWS, *NUMBERS, "nodes", "dofs_per_node"), MATRICES[:2])
+            own = (*MATRICES, *GIVEN_ROWS, *NUMBERS, "nodes", "dofs_per_node", "positions")
+            _check_names(content, own, MATRICES[:2])
             arguments = _matrices(content, rows, folder)
         _check_names(arguments, arguments, GIVEN_ROWS[:3])
         arguments |= _numbers({name: content[name] for name in NUMBERS if name in content}, NUMBERS)
@@ -254,7 +262,36 @@ def universal_file(path: Path) -> tuple[Any, Any]:
     return (file := pyuff.UFF(str(path))), file.get_set_types()
 
 
-def _universal(path: Path, rows: Mapping[str, Any]) -> dict[str, Any]:
+def _positions(content: Mapping[str, Any], folder: Path) -> dict[int, Array]:
+    """Positions of nodes, m, by their numbers; {} where none are given."""
+    if "positions" not in content:
+        return {}
+    with reading(f"positions = {checks.short(content['positions'])}"):
+        file = _file(folder, content["positions"])
+        if file.suffix.lower() in (".uff", ".unv"):
+            opened, kinds = universal_file(file)
+            sets = [opened.read_sets(int(place)) for place in np.flatnonzero(np.isin(kinds, (15, 2411)))]
+            if not sets:
+                raise InputError("it has no positions of nodes (data set 15 or 2411)")
+            table = np.concatenate([np.stack([each[x] for x in ("node_nums", *"xyz")], axis=1) for each in sets])
+            table[:, 1:] /= _units(opened, kinds)[0]
+        else:
+            table = np.loadtxt(_decimal(file.read_text("utf-8-sig").replace(",", " ").splitlines()), ndmin=2)
+        if table.shape[1] not in (3, 4) or (table[:, 0] % 1).any() or not np.isfinite(table).all():
+            raise InputError("its lines must be node, x, y, z")
+        return {int(node): np.pad(place, (0, 3 - len(place))) for node, *place in table}
+
+
+def _units(file: Any, kinds: Any) -> tuple[float, float]:
+    """How many units of length and of force of a universal file are a metre and a newton."""
+    systems = [file.read_sets(int(place)) for place in np.flatnonzero(kinds == 164)]
+    units = {(each["length"], each["force"]) for each in systems} or {(1.0, 1.0)}
+    if len(units) > 1:
+        raise InputError(f"its units (data set 164) differ: {units}")
+    return units.pop()
+
+
+def _universal(path: Path, rows: Mapping[str, Any], positions: Mapping[int, Array] | None) -> dict[str, Any]:
     file, kinds = universal_file(path)
     sets = [file.read_sets(int(place)) for place in np.flatnonzero(np.isin(kinds, (55, 2414)))]
     modes = [mode for each in sets if (mode := _universal_mode(each)) is not None]
@@ -263,12 +300,7 @@ def _universal(path: Path, rows: Mapping[str, Any]) -> dict[str, Any]:
         raise InputError(text)
     nodes, shapes, frequency, mass, ratios = (np.array(each) for each in zip(*modes, strict=True))
     shapes = shapes / np.sqrt(np.where(mass, mass, 1.0))[:, None, None]
-    systems = [file.read_sets(int(place)) for place in np.flatnonzero(kinds == 164)]
-    units = {(each["length"], each["force"]) for each in systems} or {(1.0, 1.0)}
-    if len(units) > 1:
-        raise InputError(f"its units (data set 164) differ: {units}")
-    # How many units of length and of force are a metre and a newton.
-    length, force = units.pop()
+    length, force = _units(file, kinds)
     shapes *= np.sqrt(force / length) * np.array([1.0] * 3 + [length] * 3)[: shapes.shape[2]]
     labels = [(node, dof) for node in nodes[0] for dof in range(1, shapes.shape[2] + 1)]
     found = {"frequency": frequency} | ({"damping_ratio": ratios} if ratios.any() else {})
@@ -276,6 +308,11 @@ def _universal(path: Path, rows: Mapping[str, Any]) -> dict[str, Any]:
         each = given if isinstance(given, list) else [given]
         own = np.array([shapes.reshape(len(modes), -1)[:, list(row)] @ list(row.values()) for row in each])
         found[name] = own if given is each else own[0]
+    if positions:
+        if missing := [int(node) for node in nodes[0] if int(node) not in positions]:
+            raise InputError(f"positions: node {missing[0]} is missing")
+        found["node_positions"] = np.array([positions[int(node)] for node in nodes[0]])
+        found |= {"node_numbers": nodes[0].astype(int), "node_shapes": shapes[..., :3].transpose(1, 2, 0)}
     return found
 
 
@@ -359,4 +396,12 @@ def _matrices(content: Mapping[str, Any], rows: Mapping[str, Any], folder: Path)
     if len(set(sizes.values())) > 1:
         raise InputError(f"numbers of rows differ: {sizes}; nodes or dofs_per_node must name each row")
     names = {"names": _names(labels)} if len(labels) else {}
+    if positions := _positions(content, folder):
+        if not names:
+            raise InputError("positions: they need nodes or dofs_per_node, which name each row")
+        index = {name: row for row, name in enumerate(names["names"])}
+        found["node_rows"] = np.array([[index.get(f"node {node}, {x}", -1) for x in "xyz"] for node in positions])
+        if found["node_rows"].max() < 0:
+            raise InputError(f"positions: no row is of its nodes, such as {min(positions)}")
+        found |= {"node_positions": np.array([*positions.values()]), "node_numbers": np.array([*positions])}
     return found | names | _weights(rows, labels, size, folder)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -29,6 +29,7 @@ from sweeps import InputError, check_backend
 if TYPE_CHECKING:
     import xarray as xr
 
+    from studies.plotting.moving import Moving
     from studies.study import Study
     from sweeps import Progress
 
@@ -226,6 +227,44 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png") -> 
         with written(paths[-1]) as temporary:
             temporary.write_bytes(content)
     return paths
+
+
+def animate(moving: Iterable[Moving], beside: Path, form: str | None, vtu: bool) -> list[Path]:
+    """Write what moves beside a file: a film in the form gif or mp4, a series for ParaView; the paths of both.
+
+    Of several the paths are numbered.
+    """
+    from studies.plotting import moving as moved
+
+    shown, paths = list(moving), list[Path]()
+    for k, each in enumerate(shown, 1):
+        stem = f"{beside.stem}-{k}" if len(shown) > 1 else beside.stem
+        if form:
+            paths.append(beside.with_name(f"{stem}.{form}"))
+            with written(paths[-1]) as temporary:
+                temporary.write_bytes(moved.film(each, form))
+        if vtu:
+            names = [f"{stem}-frames/{frame:03}.vtu" for frame in range(len(each.moved))]
+            for frame, name in enumerate(names):
+                with written(beside.parent / name) as temporary:
+                    temporary.write_text(moved.vtu(each, frame), encoding="ascii")
+            paths.append(beside.with_name(f"{stem}.pvd"))
+            with written(paths[-1]) as temporary:
+                temporary.write_text(moved.pvd(each, names), encoding="ascii")
+    return paths
+
+
+def moving_of(study: Study, dataset: xr.Dataset) -> list[Moving]:
+    """What moves in a result, nothing in one that its study does not present."""
+    shown = summary.presented(study, dataset) if study.animate is not None else None
+    return [] if shown is None or study.animate is None else [*study.animate(shown)]
+
+
+def nothing_moves(study: Study) -> str:
+    """Why nothing moves in a result, and in which studies something does."""
+    can = ", ".join(name for name in registry.names() if registry.load(name).animate is not None)
+    why = "the study has no animation" if study.animate is None else "nothing in this result moves"
+    return f"{study.name}: {why}; {can} have one, and structures: fiv structure FILE.toml --animate"
 
 
 @contextmanager

@@ -77,6 +77,8 @@ class Study:
         `summary(dataset)` yields sentences, and pairs of a caption and a pandas DataFrame; the finding first.
     figure : callable, optional
         `figure(dataset)` returns a Matplotlib figure.
+    animate : callable, optional
+        `animate(dataset)` yields what moves (`studies.plotting.moving.Moving`), for the page, films and ParaView.
     claims : sequence of Claim
         What the paper prints, to stand beside the result.
     coords : mapping of str to Axis, or callable
@@ -116,6 +118,7 @@ class Study:
     derive: Callable[[xr.Dataset], xr.Dataset] | None = field(default=None, kw_only=True)
     summary: Callable[[xr.Dataset], Iterator[Any]] | None = field(default=None, kw_only=True)
     figure: Callable[[xr.Dataset], Figure] | None = field(default=None, kw_only=True)
+    animate: Callable[[xr.Dataset], Iterator[Any]] | None = field(default=None, kw_only=True)
     claims: Sequence[Claim] = field(default=(), kw_only=True)
     coords: Mapping[str, Axis] | Callable[..., Mapping[str, Axis]] = field(default_factory=dict, kw_only=True)
     check: Callable[..., None] | None = field(default=None, kw_only=True)

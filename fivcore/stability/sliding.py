@@ -212,3 +212,12 @@ def node_positions(rig: Rig, theta: float) -> Array:
     checks.instance("rig", rig, Rig)
     upper, lower = rig_bases(rig, checks.theta_degrees(theta))
     return np.concatenate([upper.nodes, lower.nodes])
+
+
+def node_shapes(rig: Rig, theta: float) -> Array:
+    """Displacement along x and y of the nodes in each mode of `Structure.of`, (nodes, 2, n), kg^-1/2."""
+    checks.instance("rig", rig, Rig)
+    upper, lower = rig_bases(rig, checks.theta_degrees(theta))
+    n1, n2 = len(upper.stiffness), len(lower.stiffness)
+    shapes = [np.pad(upper.shapes[:, :2], ((0, 0), (0, 0), (0, n2)))]
+    return np.concatenate([*shapes, np.pad(lower.shapes[:, :2], ((0, 0), (0, 0), (n1, 0)))])

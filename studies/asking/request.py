@@ -166,16 +166,23 @@ def assignment(text: str, option: str = "--set") -> tuple[str, str]:
 
 def structure_of(rig: Structure | str | Path) -> dict[str, Any]:
     """`to_dict` of a structure, of its TOML file, or of the structure of a result's file."""
-    if isinstance(rig, Structure):
-        return rig.to_dict()
-    if Path(rig).suffix == ".nc":
+    if not isinstance(rig, Structure) and Path(rig).suffix == ".nc":
         if not (found := structure_in(open_dataset(os.fspath(rig)))):
             raise InputError(
                 f"{rig}: it is a result of the paper's beams; give one of a structure, or a FILE.toml"
             )
         return found
+    return own_structure(rig).to_dict()
+
+
+def own_structure(rig: Structure | str | Path) -> Structure:
+    """The structure of `structure_of`, with the eigenvectors that its TOML file keeps."""
+    if isinstance(rig, Structure):
+        return rig
+    if Path(rig).suffix == ".nc":
+        return Structure.from_dict(structure_of(rig))
     try:
-        return Structure.read(path := expanded(rig)).to_dict()
+        return Structure.read(path := expanded(rig))
     except ValueError as problem:
         raise InputError(f"{rig}: {str(problem).removeprefix(f'{path}: ')}") from None
 

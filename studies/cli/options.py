@@ -102,3 +102,9 @@ QUERY = (
     option("--units", is_flag=True, help="Heads with units: V [m s-1]; in json an object beside the rows."),
     OUT,
 )
+FILM: Any = {"is_flag": False, "flag_value": "gif", "type": click.Choice(["gif", "mp4"]), "metavar": "[gif|mp4]"}
+# Options of `plot` and `structure`: what moves.
+MOVING = (
+    option("--animate", "film", **FILM, help="A film of what moves; mp4 needs ffmpeg; default: gif."),
+    option("--vtu", is_flag=True, help="What moves as a series that ParaView plays: FILE.pvd."),
+)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from studies.cli.app import command
-from studies.cli.options import OUT, QUERY, TARGET, catalogue, result_names, target
+from studies.cli.options import MOVING, OUT, QUERY, TARGET, catalogue, result_names, target
 from studies.cli.output import FLAGS, about, columns, say, show, tell
 
 if TYPE_CHECKING:
@@ -196,13 +196,15 @@ PLACE = click.option("--out", type=click.Path(), help="Results folder of a STUDY
 FORM = click.option("--format", "form", type=FORMS, default="png", show_default=True, help="svg, pdf: for print.")
 
 
-@command("plot", "Draw the figure of a result again.", TARGET, PLACE, FORM)
-def plot(target: str, out: str | None, form: str) -> None:
-    """Draw the figure of a result again.
+@command("plot", "Draw the figure of a result again, or show it moving.", TARGET, PLACE, FORM, *MOVING)
+def plot(target: str, out: str | None, form: str, film: str | None, vtu: bool) -> None:
+    """Draw the figure of a result again; or what moves in it, as a film or as a series for ParaView.
 
     \b
     fiv plot fig5 --format svg
     fiv plot elsewhere/fig5/fig5.nc --out figures
+    fiv plot fig6 --animate          a GIF of the unstable mode
+    fiv plot fig6 --vtu              fig6.pvd, which ParaView opens and plays
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import runner
     from studies.answering import results
@@ -214,7 +216,13 @@ def plot(target: str, out: str | None, form: str) -> None:
         beside = results.file_of(file.stem, out)
     with results.reading(file):
         dataset = results.open_dataset(file)
-        figures = runner.plot(runner.study_of(dataset, str(file)), dataset, beside, form)
+        study = runner.study_of(dataset, str(file))
+        if film or vtu:
+            if not (moving := runner.moving_of(study, dataset)):
+                raise click.UsageError(runner.nothing_moves(study))
+            figures = runner.animate(moving, beside, film, vtu)
+        else:
+            figures = runner.plot(study, dataset, beside, form)
     show("\n".join(map(str, figures)))
 
 

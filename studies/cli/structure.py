@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from studies.cli.app import command
-from studies.cli.options import OUT
+from studies.cli.options import MOVING, OUT
 from studies.cli.output import columns, say, show
 
 if TYPE_CHECKING:
@@ -25,13 +25,27 @@ MU = click.option("--mu", type=float, default=1.0, show_default=True, help="Larg
 LOAD = click.option("--load", default="1N", show_default=True, help="Load under which several contacts are shown.")
 
 
-@command("structure", "What was read of an own structure, with a figure.", FILE, OUT, FMAX, MU, LOAD)
-def structure(file: str, out: str | None, fmax: str, mu: float, load: str) -> None:
+AT = click.option(
+    "--at", type=float, metavar="MU", help="Friction of the modes; default: just above the first onset."
+)
+MODES = click.option(
+    "--modes", type=click.Path(), help="Write modes to a FILE.npz or .uff: contact open, and sliding."
+)
+
+
+@command(
+    "structure", "What was read of an own structure, with a figure.", FILE, OUT, FMAX, MU, LOAD, AT, MODES, *MOVING
+)
+def structure(
+    file: str, out: str | None, fmax: str, mu: float, load: str,
+    at: float | None, modes: str | None, film: str | None, vtu: bool,
+) -> None:  # fmt: skip
     """Modes, contact, preload, damping and flutter onsets of a structure of one's own, and its receptances.
 
     \b
     fiv structure pin.toml
     fiv run scenes --rig pin.toml
+    fiv structure disc.toml --animate --vtu --modes disc.uff
 
     The figure, FILE.png in the folder `structure` of the results, has the growth rate over friction too.
 
@@ -43,6 +57,9 @@ def structure(file: str, out: str | None, fmax: str, mu: float, load: str) -> No
     `dofs_per_node`, or by their number from 0. With several contacts `normal` and `tangential` are lists, or
     `contacts` is one of tables with these and `gap` (m, 0 if not given) and `friction` (factor of mu, 1), or
     pairs of nodes: contacts = {pairs = [[12, 40], [13, 41]], normal = "y", tangential = "x"}.
+
+    With `positions`, a file with node, x, y, z (m), or a universal file, modes are brought back to the nodes:
+    --animate and --vtu show the sliding mode that grows fastest, --modes writes all modes below --fmax.
 
     From Nastran, with pyNastran in another environment, for it needs an older NumPy; the punch file (EXTRN) lists
     node and direction of the rows, for rows.txt:
@@ -63,16 +80,21 @@ def structure(file: str, out: str | None, fmax: str, mu: float, load: str) -> No
         mmwrite(name, (upper + triu(upper, 1).T)[free][:, free])
     np.savetxt("rows.txt", rows[free] + [0, 1], "%d")
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from fivcore import Structure, checks, flutter_onsets, painleve_mu
-    from studies.answering.results import results_folder
-    from studies.asking.request import structure_of
+    from fivcore import checks, flutter_onsets, painleve_mu, sliding_modes
+    from studies.answering import mode_files
+    from studies.answering.results import expanded, results_folder
+    from studies.asking.request import own_structure
     from studies.declaring import spec
-    from studies.plotting import figures, receptances
-    from studies.runner import written
+    from studies.plotting import figures, moving, receptances
+    from studies.runner import animate, written
 
     band = checks.band(spec.one(fmax, "fmax", "Hz"))
     mu = checks.between("--mu", mu, 1e-6, 1e3, "a coefficient of friction")
-    own: Any = Structure.from_dict(structure_of(file))
+    own: Any = own_structure(file)
+    if modes:
+        mode_files.check(expanded(modes), own)
+    if film or vtu:
+        own.displacement(0.0 * own.frequency)  # before all else is computed
     force = checks.between("--load", spec.one(load, "load", "N"), 1e-100, 1e100, "N")
     show("\n".join(described(own)))
     if own.several:
@@ -92,7 +114,16 @@ def structure(file: str, out: str | None, fmax: str, mu: float, load: str) -> No
     target = results_folder(out) / "structure" / f"{Path(file).stem}.png"
     with figures.style(), written(target) as temporary:
         temporary.write_bytes(figures.saved(receptances.draw(own, band, mu, onsets, force), "png", own.digest))
-    say(f"\nwritten: {target}")
+    paths = [target]
+    if modes or film or vtu:
+        first = 1.001 * float(onsets.mu[0]) if onsets is not None and len(onsets.mu) else 0.0
+        sliding = sliding_modes(own, 0.0, first if at is None else at, band, F=force)
+        if modes:
+            with written(expanded(modes)) as temporary:
+                mode_files.write(temporary, own, sliding, expanded(modes).suffix.lower())
+            paths.append(expanded(modes))
+        paths += animate([moving.sliding(own, sliding)], target, film, vtu) if film or vtu else []
+    say("\nwritten: " + ", ".join(map(str, paths)))
 
 
 def described(own: Structure) -> Iterator[str]:

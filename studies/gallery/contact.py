@@ -16,7 +16,7 @@ from studies.declaring.parameters import RUN, published
 from studies.motion import regimes, run, series
 from studies.motion.jobs import Job, outcomes
 from studies.physics import cycles, phases
-from studies.plotting import figures, planes, signals
+from studies.plotting import figures, moving, planes, signals
 from studies.study import Claim, Parameter, Study
 
 MOST_COLUMNS, PEAKS = 3, ("normal_force", "slip_speed")
@@ -155,6 +155,7 @@ STUDY = Study(
         **published(RUN),
     },
     outputs=phases.SERIES | phases.OVERVIEW | phases.START | cycles.CYCLE_SERIES | cycles.CYCLE | run.SUMMARY,
-    function=contacts, coords=phases.coords, check=check, summary=summarise, figure=draw, claims=CLAIMS,
+    function=contacts, coords=phases.coords, check=check, summary=summarise, figure=draw,
+    animate=moving.contact, claims=CLAIMS,
     chaotic=True,
 )  # fmt: skip

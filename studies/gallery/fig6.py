@@ -17,7 +17,7 @@ from studies.declaring.parameters import Parameter
 from studies.motion import run, scenes
 from studies.motion.stability import MODES
 from studies.physics.onsets import MOST_MU, closest_two, lock_in, pair, path
-from studies.plotting import figures
+from studies.plotting import figures, moving
 from studies.study import Claim, Study
 from sweeps import Axis
 
@@ -101,7 +101,7 @@ STUDY = Study(
     outputs=MODES,
     function=pair,
     coords={"mode": Axis([1, 2], "1", "number of the mode without friction, ascending in frequency")},
-    derive=derive, summary=summarise, figure=draw,
+    derive=derive, summary=summarise, figure=draw, animate=moving.mode,
     claims=(
         *(Claim("frequency", {"mode": 5 + k, "mu": 0.0}, paper.MODES_5_AND_6[k], "Fig. 6a") for k in (0, 1)),
         *(Claim(f"lock_in_{x}", {}, paper.ONSETS[0][k], "3.4.2") for k, x in enumerate(("mu", "frequency"))),

@@ -243,6 +243,7 @@ function furnish(piece) {
   const all = (css) => piece.querySelectorAll(css);
   for (const box of all(".points")) box.addEventListener("toggle", () => fill(box), { once: true });
   for (const box of all(".map")) Points.of(box.dataset.points).then((points) => new PlaneMap(box, points));
+  for (const box of all(".player")) unpacked(box.dataset.moving).then((text) => new Player(box, JSON.parse(text)));
   for (const time of all("time")) age(time);
   // Words are flush left, numbers flush right.
   for (const cell of all(".numbers :is(td, th)")) {

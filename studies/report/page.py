@@ -107,7 +107,8 @@ def of_reference(sections: Sequence[Section]) -> str:
 def page(sections: Sequence[Section], broken: Sequence[str]) -> str:
     """The whole page; equal results give equal pages."""
     environment = Environment(autoescape=True, undefined=StrictUndefined, loader=FileSystemLoader(HERE))
-    style, script = ((HERE / name).read_text("utf-8") for name in ("page.css", "page.js"))
+    style, player, script = ((HERE / name).read_text("utf-8") for name in ("page.css", "player.js", "page.js"))
+    script = player + script
     own, theirs = ([each for each in sections if each[0].is_reference is kind] for kind in (False, True))
     groups = {"Your results": own, "The project's results": theirs}
     return environment.get_template("page.html.j2").render(

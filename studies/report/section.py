@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from io import BytesIO
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +27,16 @@ from studies import registry, runner
 from studies.answering import results, summary
 from studies.answering.results import settings
 from studies.declaring import labels
+from studies.motion import run
 from studies.motion.regimes import KINDS
 from studies.plotting import figures, planes
+from studies.plotting.moving import Moving
 from studies.study import Study
 
 # A result with more rows, or more values, is thinned on the page.
 MOST_ROWS, MOST_VALUES = 12_500, 100_000
+# Nodes of a line, and units of the larger extent, in an animation.
+ALONG, FINE = 31, 2000
 # Digits of a computed value on the page; parameters keep all of theirs.
 DIGITS = 6
 # Variables that say whether a point was computed; files of libraries.
@@ -167,7 +172,14 @@ def reason(problem: Exception) -> str:
 def content(result: Result, tell: Tell) -> dict[str, Any]:
     """Figures, summary and points of a result; what its study cannot make is an entry of `problems`."""
     study, dataset = result.study, result.dataset
-    made: dict[str, Any] = {"figures": [], "parts": [], "finding": "", "points": None, "problems": []}
+    made: dict[str, Any] = {
+        "figures": [],
+        "parts": [],
+        "finding": "",
+        "points": None,
+        "problems": [],
+        "moving": [],
+    }
     made["facts"] = result.facts
 
     def draw() -> None:
@@ -184,13 +196,51 @@ def content(result: Result, tell: Tell) -> dict[str, Any]:
         made["points"] = points(study, dataset, result.file)
         made["packed"] = packed(json.dumps(made["points"], allow_nan=False, separators=(",", ":")))
 
-    for what, make in (("figure", draw), ("summary", summarise), ("table of points", tabulate)):
+    def animate() -> None:
+        shown = [] if study.animate is None else study.animate(dataset)
+        made["moving"] = [
+            (each.caption, packed(json.dumps(played(each), separators=(",", ":")))) for each in shown
+        ]
+
+    steps = (("figure", draw), ("summary", summarise), ("animation", animate), ("table of points", tabulate))
+    for what, make in steps:
         try:
             make()
         except Exception as problem:  # noqa: BLE001 - a study's own code can raise anything; the page says it
             made["problems"].append(f"No {what}: {reason(problem)}")
             tell(f"{result.file}: no {what}: {reason(problem)}")
     return made
+
+
+def played(moving: Moving) -> dict[str, Any]:
+    """What moves for the page: places in units of 1 / FINE of the larger extent, y down, lines thinned.
+
+    Returns
+    -------
+    dict
+        `loop`, s; `size` of the drawing; `still` and `frames`, x and y of the nodes in turn; `lines`, each a name
+        and nodes; `points`; `state`, a digit a frame; `series`.
+    """
+    lines = [(name, nodes[np.unique(np.linspace(0, len(nodes) - 1, ALONG).round().astype(int))])
+             for name, nodes in moving.lines]  # fmt: skip
+    free = [] if lines else [np.arange(len(moving.place))]
+    used = np.unique([*chain(*(nodes.tolist() for _, nodes in lines), *free, moving.points.values())]).astype(int)
+    drawn = moving.drawn[:, used] * [1.0, -1.0]
+    low = drawn.min(axis=(0, 1))
+    extent = drawn.max(axis=(0, 1)) - low
+    whole = np.rint((drawn - low) * (FINE / extent.max())).astype(int).reshape(len(drawn), -1).tolist()
+    place = dict(zip(used.tolist(), range(len(used)), strict=True))
+    return {
+        "loop": moving.loop,
+        "size": np.rint(extent * (FINE / extent.max())).tolist(),
+        "still": whole[0],
+        "frames": whole[1:],
+        "lines": [(name, [place[node] for node in nodes.tolist()]) for name, nodes in lines],
+        "points": {name: place[node] for name, node in moving.points.items()},
+        "state": "" if moving.state is None else "".join(map(str, moving.state)),
+        "states": run.STATES,
+        "series": {name: [float(f"{v:.4g}") for v in values] for name, values in moving.series.items()},
+    }
 
 
 def points(study: Study, dataset: xr.Dataset, file: Path) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from fivcore import (
     Scene,
     Structure,
     flutter_onsets,
+    node_positions,
     simulate,
     sliding_modes,
 )
@@ -40,6 +41,43 @@ def test_matrices_give_the_beams(given, monkeypatch):
     assert found.static == (2 if given else 0)
     for mine, theirs in zip(found.receptances([0.1, 1e3]), rig.receptances([0.1, 1e3]), strict=True):
         assert mine == pytest.approx(theirs, rel=1e-5 if given else 1e-6, abs=1e-12)
+
+
+def beam_rows():
+    """Rows of the nodes in `SlidingModes.shape`'s order, of `tests.helpers.reference.assemble`: P1 from A to C."""
+    n1, n2 = RIG.p1.elements, RIG.p2.elements
+    upper = np.arange(3 * n1).reshape(n1, 3)[:, :2]
+    lower = 3 * n1 + 1 + np.arange(3 * n2).reshape(n2, 3)[:, :2]
+    return np.concatenate([[[-1, 3 * n1]], upper[::-1], [[-1, -1]], lower])
+
+
+@pytest.mark.parametrize("given", [{}, {"fmax": 20e3, "convert": sparse.csc_array}])
+def test_sliding_modes_are_brought_back_to_nodes(given):
+    """Those of the beams by matrices, some with held rows, are the beams' own; positions change nothing else."""
+    rig, plain = sliding_modes(RIG, THETA, [0.1, 0.3], 9e3), beams(**given)
+    own = beams(**given, node_positions=node_positions(RIG, THETA), node_rows=beam_rows())
+    assert (own, own.digest, own.to_dict()) == (plain, plain.digest, plain.to_dict())
+    moved = own.displacement(sliding_modes(own, 0.0, [0.1, 0.3], 9e3).shape)
+    flat = moved.reshape(*moved.shape[:2], -1)
+    largest = np.take_along_axis(flat, np.abs(flat).argmax(axis=-1)[..., None], axis=-1)
+    moved = moved / largest[..., None]
+    assert moved[..., :2] == pytest.approx(rig.shape[..., :2], abs=2e-5)
+    assert not moved[..., 2].any()
+    ends = np.array([*range(30), *range(32, 121)])  # the stiffness has no row of the clamped node
+    assert own.edges.tolist() == np.stack([ends, ends + 1], axis=1).tolist()
+    with pytest.raises(InputError, match="it keeps no eigenvectors; give node_positions"):
+        plain.displacement(1.0)
+
+
+def test_shapes_of_modes_are_kept_in_the_order_of_modes():
+    shapes = np.random.default_rng(3).normal(size=(5, 3, 2))
+    swapped = {name: row[::-1] for name, row in OSCILLATOR.items()}
+    given = {"node_positions": np.eye(5)[:, :2], "node_numbers": [7, 3, 9, 1, 4]}
+    one = Structure.from_modes(**OSCILLATOR, **given, node_shapes=shapes)
+    other = Structure.from_modes(**swapped, **given, node_shapes=shapes[..., ::-1])
+    assert one.displacement([1.0, 2.0]) == pytest.approx(shapes @ [1.0, 2.0])
+    assert np.array_equal(one.shapes, other.shapes)
+    assert other.numbers.tolist() == [7, 3, 9, 1, 4]
 
 
 def test_a_structure_moves_like_the_rig_it_is():
@@ -327,6 +365,15 @@ OUT_OF_RANGE = sparse.csr_array(K3)
 OUT_OF_RANGE.indices[1] = 10**6
 WRONG_MATRICES = [
     ({"mass": np.eye(2)}, "stiffness of shape (3, 3)"),
+    ({"node_positions": np.zeros(3)}, "node_positions of shape (3,): it must be (k, 3) or (k, 2)"),
+    ({"node_positions": np.zeros((2, 3))}, "2 nodes do not share 3 degrees of freedom; give node_rows"),
+    ({"node_positions": [[np.nan, 0.0]]}, "node_positions = nan: it must be a finite number"),
+    (
+        {"node_positions": np.zeros((1, 3)), "node_rows": [[0, 3, 1]]},
+        "node_rows = 0 to 3: each must be from -1 to 2",
+    ),
+    ({"node_positions": np.zeros((1, 3)), "node_rows": [[0.5, 3, 1]]}, "node_rows of shape (1, 3)"),
+    ({"node_positions": np.zeros((3, 3)), "node_numbers": [1, 1, 2]}, "3 whole numbers that differ"),
     ({"mass": np.ones((2, 3))}, "mass of shape (2, 3), float64: it must be a real matrix of shape (n, n)"),
     ({"mass": np.ones(3)}, "mass of shape (3,)"),
     ({"mass": "wood"}, "mass of shape (), <U4: it must be a real matrix"),

@@ -432,6 +432,78 @@ def test_in_a_browser(driver, folder, tmp_path):
 
 
 @pytest.mark.browser
+def test_it_moves_where_it_is_seen_and_less_motion_is_not_wanted(driver, tmp_path):
+    """In light and dark, on a phone, by key and slider; it stands still on hidden tabs and out of sight."""
+    from selenium.webdriver import Keys
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    reference = HOME / "results" / "reference"
+    file = page.write(("fig6", "contact"), reference, tmp_path / "report.html", lambda line: None)
+
+    def media(**features):
+        emulated = [{"name": name.replace("_", "-"), "value": value} for name, value in features.items()]
+        driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": emulated})
+
+    def picture(player):
+        return driver.execute_script("return arguments[0].querySelector('canvas').toDataURL()", player)
+
+    def moves(player):
+        """Whether the picture of a player changes within some frames."""
+        before = picture(player)
+        wait = "const next = (k) => k ? requestAnimationFrame(() => next(k - 1)) : arguments[0](); next(12)"
+        driver.execute_async_script(wait)
+        return picture(player) != before
+
+    def open_page():
+        driver.get(file.as_uri())
+        found = WebDriverWait(driver, 20.0, 0.1).until(
+            lambda _: driver.find_elements("css selector", ".player canvas")
+        )
+        WebDriverWait(driver, 20.0, 0.1).until(
+            lambda _: len(driver.find_elements("css selector", ".player button")) == 3
+        )
+        assert all(each.get_attribute("aria-label").startswith("Animation: ") for each in found)
+        players = driver.find_elements("css selector", ".player")
+        driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", players[0])
+        return players
+
+    media(prefers_reduced_motion="no-preference")
+    mode, _, last = open_page()
+    button, slider = (mode.find_element("css selector", css) for css in ("button", "input"))
+    WebDriverWait(driver, 20.0, 0.1).until(lambda _: moves(mode))
+    assert not moves(last)  # it is below the window
+    hidden = "Object.defineProperty(document, 'hidden', {value: arguments[0], configurable: true}); "
+    hidden += "document.dispatchEvent(new Event('visibilitychange'))"
+    driver.execute_script(hidden, True)
+    assert not moves(mode)
+    driver.execute_script(hidden, False)
+    WebDriverWait(driver, 20.0, 0.1).until(lambda _: moves(mode))
+    assert button.text == "Pause"
+    button.send_keys(Keys.ENTER)
+    assert (button.text, moves(mode)) == ("Play", False)
+    before = picture(mode)
+    slider.send_keys(Keys.HOME, Keys.ARROW_RIGHT)
+    assert (slider.get_property("value"), picture(mode) != before) == ("1", True)
+    light = picture(mode)
+    media(prefers_color_scheme="dark", prefers_reduced_motion="no-preference")
+    WebDriverWait(driver, 20.0, 0.1).until(lambda _: picture(mode) != light)
+    # Less motion: it waits for the button, also where this is wanted later.
+    media(prefers_reduced_motion="reduce")
+    mode, *_ = open_page()
+    button = mode.find_element("css selector", "button")
+    assert (button.text, moves(mode)) == ("Play", False)
+    button.click()
+    WebDriverWait(driver, 20.0, 0.1).until(lambda _: moves(mode))
+    media(prefers_reduced_motion="no-preference")
+    media(prefers_reduced_motion="reduce")
+    WebDriverWait(driver, 20.0, 0.1).until(lambda _: button.text == "Play")
+    assert not moves(mode)
+    for colours in ("light", "dark"):
+        check_for_everybody(driver, 375, colours, {})
+    assert driver.get_log("browser") == []
+
+
+@pytest.mark.browser
 @pytest.mark.parametrize("names", [("fig5", "sensitivity"), pytest.param((), marks=pytest.mark.slow)])
 def test_the_page_of_the_reference_is_small_and_for_everybody(driver, tmp_path, names):
     file = page.write(names, HOME / "results" / "reference", tmp_path / "report.html", lambda line: None)

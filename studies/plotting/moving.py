@@ -1,0 +1,324 @@
+"""What moves: a mode, and the contact through a period; as frames, which the page, films and ParaView show."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from fivcore import Rig, SlidingModes, Structure, node_positions, node_shapes, with_numerical_damping
+from studies.answering import results
+from studies.declaring import labels
+from studies.motion import run
+from studies.physics import phases
+from studies.physics.phases import SEPARATION, SLIP, STICK
+from studies.plotting import figures, planes
+from sweeps import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = np.ndarray[Any, Any]
+# Frames of a mode, and at most of a film; how long a period is shown, s; the largest displacement as drawn, of the
+# extent; speeds at most.
+FRAMES, FILMED, SHOWN, DRAWN, COLUMNS = 48, 100, 2.0, 0.045, 3
+# Colour and marker of the contact.
+STATES = {SEPARATION: (figures.ORANGE, "o"), STICK: (figures.BLACK, "s"), SLIP: (figures.BLUE, "o")}
+# VTK's types of a vertex and a line, by their number of nodes, and of numbers.
+VTK_TYPES = {1: 1, 2: 3}
+KINDS = {"Float64": "f8", "Int64": "i8", "UInt8": "u1"}
+
+
+@dataclass(frozen=True, eq=False)
+class Moving:
+    """Nodes that move, at evenly spaced instants.
+
+    Attributes
+    ----------
+    title, note : str
+        What moves; how it is drawn.
+    seconds, periods : float
+        The time that all frames take, and how many periods it has.
+    place : ndarray, (nodes, 3)
+        Undeformed, m.
+    moved : ndarray, (frames, nodes, 3)
+        Displacement; m, or of a mode in units of the largest.
+    scale : float
+        Factor of displacements as drawn.
+    lines : sequence of (str, ndarray)
+        Names and the nodes that a line goes through.
+    points : mapping of str to int
+        Nodes with a name; the state of the contact colours C.
+    state : ndarray, (frames,), or None
+        Codes as in `run.STATES`.
+    series : mapping of str to ndarray, (frames,)
+        Drawn over time, in readers' units.
+    """
+
+    title: str
+    note: str
+    seconds: float
+    periods: float
+    place: Array
+    moved: Array
+    scale: float
+    lines: Sequence[tuple[str, Array]]
+    points: Mapping[str, int] = field(default_factory=dict)
+    state: Array | None = None
+    series: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def loop(self) -> float:
+        """How long it is shown, s."""
+        return SHOWN * self.periods
+
+    @property
+    def caption(self) -> str:
+        """Title, how it is drawn, and by how much it is slowed."""
+        return f"{self.title}. {self.note}; slowed {labels.number(self.loop / self.seconds)} times."
+
+    @property
+    def drawn(self) -> Array:
+        """Nodes in the plane of the largest extents, undeformed and then as drawn, (1 + frames, nodes, 2)."""
+        plane = np.sort(np.argsort(-np.ptp(self.place, axis=0), kind="stable")[:2])
+        return np.stack([self.place, *(self.place + self.scale * self.moved)])[..., plane]
+
+    def every(self, step: int) -> Moving:
+        """With one frame of `step`."""
+        state = None if self.state is None else self.state[::step]
+        series = {name: value[::step] for name, value in self.series.items()}
+        return replace(self, state=state, moved=self.moved[::step], series=series)
+
+
+def oscillating(
+    title: str, hertz: float, place: Array, shape: Array, lines: Sequence[tuple[str, Array]], **more: Any
+) -> Moving:
+    """A mode of the complex `shape`, (nodes, 3), through a period."""
+    phases = np.exp(2j * np.pi * np.arange(FRAMES) / FRAMES)
+    shape = shape / np.linalg.norm(np.abs(shape), axis=-1).max()
+    scale = DRAWN * float(np.ptp(place, axis=0).max())
+    moved = (phases[:, None, None] * shape).real
+    return Moving(title, "Not to scale", 1.0 / max(hertz, 1e-9), 1.0, place, moved, scale, lines, **more)
+
+
+def mode(dataset: xr.Dataset) -> Iterator[Moving]:
+    """The mode whose shape is stored on `node`."""
+    place = np.stack([dataset["node_x"], dataset["node_y"], 0.0 * dataset["node_x"]], axis=1)
+    shape = [dataset[f"shape_{x}_real"].values + 1j * dataset[f"shape_{x}_imag"].values for x in "xy"]
+    beam, hertz = dataset["beam"].values, float(dataset["lock_in_frequency"])
+    title = f"Unstable mode at lock-in, μ = {float(dataset['lock_in_mu']):.4f}, {hertz:.0f} Hz"
+    of: Any = {"points": {"C": int(np.flatnonzero(beam == 1)[-1])}, "state": np.full(FRAMES, SLIP)}
+    yield oscillating(title, hertz, place, np.stack([*shape, 0.0 * shape[0]], axis=1), _beams(beam), **of)
+
+
+def _beams(beam: Array) -> list[tuple[str, Array]]:
+    return [(f"P{number}", np.flatnonzero(beam == number)) for number in (1, 2)]
+
+
+def sliding(own: Structure, modes: SlidingModes) -> Moving:
+    """Of a structure with positions, the sliding mode, at one mu, that grows fastest or decays slowest."""
+    shape = own.displacement(modes.shape)
+    if not np.any(oscillates := modes.frequency > 0.0):
+        raise InputError(f"mu = {modes.mu:g}: no mode below {modes.fmax:g} Hz oscillates; give another mu or fmax")
+    k = int(np.argmax(np.where(oscillates, modes.growth_rate, -np.inf)))
+    where = f"μ = {labels.number(float(modes.mu))}, {modes.frequency[k]:.0f} Hz"
+    title = f"Mode at {where}, growth rate {labels.number(modes.growth_rate[k])} 1/s"
+    edges = () if own.edges is None else own.edges
+    return oscillating(title, modes.frequency[k], own.nodes, shape[k], [("", pair) for pair in edges])
+
+
+def contact(dataset: xr.Dataset) -> Iterator[Moving]:
+    """The contact through two periods at each speed, and both beams on the limit cycle where there is one."""
+    for k in planes.subset(dataset.sizes["V"], COLUMNS):
+        point = dataset.isel(V=k)
+        if not np.isfinite(point["normal_force"].values).all():
+            continue
+        speed, theta = labels.named("V", point["V"]), np.radians(float(point["theta"]))
+        first, last, one = phases.periods(point)
+        window = point.isel(elapsed=slice(first, last))
+        slip, step = window["slip_displacement"].values, float(np.diff(window["elapsed"].values).mean())
+        slip = slip - 0.5 * (slip.min() + slip.max())
+        wide = 0.75 * float(np.ptp(slip)) or 1e-9
+        place = wide * np.array(
+            [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0] * 3, [np.sin(theta), np.cos(theta), 0.0]]
+        )
+        moved = np.zeros((len(slip), 4, 3))
+        moved[:, 2:, 0] = slip[:, None]
+        place[3] *= 0.6
+        lines = [("P1", np.array([3, 2])), ("P2", np.array([0, 1]))]
+        note = f"Seen from P2, {2e6 * wide:.2g} μm of which are shown; the gap is not stored"
+        length, count = len(slip) * step, (last - first) / (one - first)
+        yield Moving(
+            f"Contact at {speed}", note, length, count, place, moved, 1.0, lines, {"C": 2}, **_forces(window)
+        )
+        if np.isfinite(float(point["cycle_frequency"])) and not results.structure_in(dataset):
+            yield on_cycle(dataset, point)
+
+
+def _forces(point: xr.Dataset, of: str = "") -> dict[str, Any]:
+    """State and series of a contact."""
+    N, speed = (point[f"{of}{name}"].values for name in ("normal_force", "slip_velocity"))
+    series = {"normal force / N": N, "slip velocity / (mm/s)": 1e3 * speed}
+    return {"state": point[f"{of}state"].values.astype(int), "series": series}
+
+
+def on_cycle(dataset: xr.Dataset, point: xr.Dataset, frames: int = 200) -> Moving:
+    """Both beams on the limit cycle: their response to the contact forces that the cycle has stored."""
+    theta, hertz = float(point["theta"]), float(point["cycle_frequency"])
+    rig: Any = with_numerical_damping(results.rig_of(dataset), "fast", str(point["numerical_damping"].values))
+    of, N = _forces(point, "cycle_"), point["cycle_normal_force"].values
+    displacement = beams_under(rig, theta, hertz, N, N * point["cycle_apparent_friction"].values)
+    beam = np.repeat([1, 2], [rig.p1.elements + 1, rig.p2.elements + 1])
+    place = np.pad(node_positions(rig, theta), ((0, 0), (0, 1)))
+    moved, tip = np.pad(displacement, ((0, 0), (0, 0), (0, 1))), rig.p1.elements
+    below = int(np.abs(place[tip + 1 :, 0]).argmin()) + tip + 1
+    # Each beam moves about its mean; P1 touches P2 where the contact is closed.
+    closed = of["state"] != SEPARATION
+    moved[:, : tip + 1, 1] -= np.median((moved[:, tip, 1] - moved[:, below, 1])[closed])
+    scale = DRAWN * float(np.ptp(place, axis=0).max()) / float(np.abs(moved).max())
+    kind = "stable" if float(point["cycle_multiplier"]) < 1.0 else "unstable"
+    title = f"Limit cycle at {labels.named('V', point['V'])}, {hertz:.0f} Hz, {kind}"
+    note = f"Displacements from the mean are drawn {labels.number(scale)} times larger"
+    whole = Moving(title, note, 1.0 / hertz, 1.0, place, moved, scale, _beams(beam), {"C": tip}, **of)
+    return whole.every(max(1, len(moved) // frames))
+
+
+def beams_under(rig: Rig, theta: float, hertz: float, N: Array, T: Array) -> Array:
+    """Displacement of the beams' nodes, (instants, nodes, 2), m, under a periodic contact force, without its mean.
+
+    N and T are given evenly over a period. Each harmonic acts on the modes, q'' + c q' + p q = n N + t T.
+    """
+    own, (N, T) = Structure.of(rig, theta), np.fft.rfft([N, T])[..., None]
+    phi = 2j * np.pi * hertz * np.arange(1, N.shape[0])[:, None]
+    q = (own.normal * N[1:] + own.tangential * T[1:]) / (own.stiffness + phi * (own.damping + phi))
+    moved = np.einsum("hm,ndm->hnd", q, node_shapes(rig, theta), optimize=True)
+    return np.fft.irfft(np.concatenate([np.zeros_like(moved[:1]), moved]), axis=0)
+
+
+def draw(moving: Moving) -> tuple[Figure, Callable[[int], None]]:
+    """A figure of what moves, and a function that draws a frame into it."""
+    from matplotlib.collections import LineCollection
+
+    (still, *drawn), series, state = moving.drawn, moving.series, moving.state
+    low, high = np.min([still, *drawn], axis=(0, 1)), np.max([still, *drawn], axis=(0, 1))
+    edge = 0.06 * float((high - low).max())
+    tall = float(np.clip(14.0 * (high[1] - low[1] + 2.0 * edge) / (high[0] - low[0] + 2.0 * edge), 4.0, 14.0))
+    heights = (tall, *[2.5] * len(series))
+    figure, (scene, *strips) = figures.panels(len(heights), 1, 16.0, sum(heights) + 2.0, height_ratios=heights)
+    scene.set(xlim=(low[0] - edge, high[0] + edge), ylim=(low[1] - edge, high[1] + edge), aspect="equal")
+    scene.set_axis_off()
+    figure.suptitle(figures.fitted(moving.caption, 16.0))
+    look: Any = {"colors": figures.GREY, "linewidths": 0.7, "linestyles": "--"}
+    scene.add_collection(LineCollection([still[nodes] for _, nodes in moving.lines], **look))
+    lines = LineCollection([], colors=figures.BLACK, linewidths=2.0 if len(moving.lines) < 9 else 0.6)
+    scene.add_collection(lines)
+    marker: Any = {"linestyle": "none", "marker": None if moving.lines else ".", "markersize": 3.0}
+    (nodes,) = scene.plot([], [], color=figures.BLACK, **marker)
+    for name, along in moving.lines:
+        scene.annotate(name, still[along[-1 if name == "P2" else 0]], (4, 6), textcoords="offset points")
+    marks = {at: scene.plot([], [], "o", markersize=9.0, zorder=4.0)[0] for at in moving.points.values()}
+    word = scene.text(0.01, 1.0, "", transform=scene.transAxes, va="top")
+    cursors = [_strip(axes, name, moving) for axes, name in zip(strips, series, strict=True)]
+
+    def show(k: int) -> None:
+        lines.set_segments([drawn[k][along] for _, along in moving.lines])
+        nodes.set_data(*drawn[k].T)
+        for at, mark in marks.items():
+            colour, marker = (figures.BLACK, "o") if state is None else STATES[int(state[k])]
+            x, y = drawn[k][at]
+            mark.set(xdata=[x], ydata=[y], color=colour, marker=marker)
+        if state is not None:
+            word.set_text(f"C: {run.STATES[int(state[k])]}")
+        for cursor in cursors:
+            cursor.set_xdata([k / len(drawn)])
+
+    show(0)
+    return figure, show
+
+
+def _strip(axes: Axes, name: str, moving: Moving) -> Any:
+    """A series over time in the colours of the states; returns the cursor."""
+    values, time = moving.series[name], np.arange(len(moving.moved)) / len(moving.moved)
+    axes.plot(time, values, color=figures.GREY, linewidth=0.6)
+    for code, (colour, marker) in STATES.items():
+        here = np.where(moving.state == code, values, np.nan)
+        axes.plot(time, here, marker, color=colour, markersize=2.0)
+    axes.set(ylabel=name.replace(" / ", "\n/ "), xlim=(0.0, 1.0), xticks=[])
+    return axes.axvline(0.0, color=figures.RED, linewidth=1.0)
+
+
+def film(moving: Moving, form: str) -> bytes:
+    """A film, `form` gif or mp4; mp4 needs ffmpeg."""
+    from matplotlib import animation
+
+    if form == "mp4" and not animation.writers.is_available("ffmpeg"):
+        raise InputError("--animate mp4: ffmpeg is not installed; install it, or write --animate gif")
+    shown = moving.every(-(-len(moving.moved) // FILMED))
+    kind: Any = animation.PillowWriter if form == "gif" else animation.FFMpegWriter
+    writer = kind(fps=len(shown.moved) / moving.loop)
+    with figures.style(), TemporaryDirectory() as folder:
+        figure, show = draw(shown)
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+        # The writers know the form by the file's name.
+        with writer.saving(figure, file := f"{folder}/film.{form}", 100):
+            for k in range(len(shown.moved)):
+                show(k)
+                writer.grab_frame()
+        return Path(file).read_bytes()
+
+
+def vtu(moving: Moving, k: int) -> str:
+    """A frame as VTK's XML file of an unstructured grid: nodes as drawn, their displacement and its amplitude."""
+    place = moving.place + moving.scale * moving.moved[k]
+    numbered = enumerate(nodes for _, nodes in moving.lines)
+    pieces = [np.column_stack([nodes[:-1], nodes[1:], np.full(len(nodes) - 1, k)]) for k, nodes in numbered]
+    # Lines of two nodes, which every reader knows; without lines the nodes.
+    vertices = np.column_stack([np.arange(len(place)), np.zeros(len(place), int)])
+    *nodes, line = np.concatenate(pieces or [vertices]).T
+    parts = {
+        "FieldData": [] if moving.state is None else [("state", moving.state[k : k + 1], "Int64")],
+        "PointData": [
+            ("displacement", moving.moved[k], "Float64"),
+            ("amplitude", np.linalg.norm(moving.moved[k], axis=1), "Float64"),
+        ],
+        "CellData": [("line", line + 1, "Int64")],
+        "Points": [("points", place, "Float64")],
+        "Cells": [
+            ("connectivity", np.ravel(nodes, "F"), "Int64"),
+            ("offsets", len(nodes) * np.arange(1, len(line) + 1), "Int64"),
+            ("types", np.full(len(line), VTK_TYPES[len(nodes)]), "UInt8"),
+        ],
+    }
+    text = {name: "".join(_array(*array) for array in arrays) for name, arrays in parts.items()}
+    body = "".join(f"<{name}>{text[name]}</{name}>\n" for name in list(parts)[1:])
+    head = f'<Piece NumberOfPoints="{len(place)}" NumberOfCells="{len(line)}">\n'
+    return _vtk("UnstructuredGrid", f"<FieldData>{text['FieldData']}</FieldData>\n{head}{body}</Piece>\n")
+
+
+def _vtk(kind: str, body: str) -> str:
+    head = f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt32">'
+    return f'<?xml version="1.0"?>\n{head}\n<{kind}>\n{body}</{kind}>\n</VTKFile>\n'
+
+
+def _array(name: str, values: Any, kind: str) -> str:
+    """An array in base64, its number of bytes before it."""
+    data = np.ascontiguousarray(values, dtype=f"<{KINDS[kind]}")
+    code = b64encode(np.uint32(data.nbytes).astype("<u4").tobytes()).decode() + b64encode(data.tobytes()).decode()
+    width = f' NumberOfComponents="{data.shape[1]}"' if data.ndim > 1 else ""
+    tuples = f' NumberOfTuples="{len(data)}"' if name == "state" else ""
+    return f'<DataArray type="{kind}" Name="{name}"{width}{tuples} format="binary">{code}</DataArray>'
+
+
+def pvd(moving: Moving, files: Sequence[str]) -> str:
+    """The series of frames: each file and its time, s."""
+    step = moving.seconds / len(files)
+    lines = [f'<DataSet timestep="{k * step:.9g}" file="{name}"/>\n' for k, name in enumerate(files)]
+    return _vtk("Collection", "".join(lines))
