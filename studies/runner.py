@@ -132,7 +132,7 @@ def plan_map(
     stored = {name: how.pop(name) for name in ("fresh", "adopt", "retry_failed", "strict") if name in how}
     sides = tuple(side.partition("=")[0].strip() for side in (x, y) if side)
     asked, place = rigs.requested(rig, Request(values=fix or {}, sides=sides), one, out)
-    about = {"structure": asked.structure, "rig": asked.rig, "base": asked.base}
+    about: dict[str, Any] = {"structure": asked.structure, "rig": asked.rig, "base": asked.base}
     request = mapping.request_of(one, x, y, names, asked.values, **about, **how)
     return one, plan(one, request, place, **stored)
 

@@ -73,6 +73,7 @@ def _offering(assignments: Sequence[str], rig: str | None, out: str | None) -> I
     They are named after the requested values.
     """
     from studies.asking import rigs
+    from studies.declaring.parameters import RIG
     from sweeps import LockedError, StoreError
 
     try:
@@ -80,7 +81,7 @@ def _offering(assignments: Sequence[str], rig: str | None, out: str | None) -> I
     except LockedError:
         raise
     except StoreError as problem:
-        own = [text for text in assignments if text.partition("=")[0].strip() in rigs.RIG]
+        own = [text for text in assignments if text.partition("=")[0].strip() in RIG]
         if rigs.is_name(rig) and rig is not None:
             raise
         if (own or rig) and not any({*":,"} & {*text} for text in own):

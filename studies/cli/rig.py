@@ -29,11 +29,12 @@ def rig(name: str | None, source: str | None, assignments: tuple[str, ...], out:
     fiv compare mine paper
 
     The results folder keeps it as NAME/rig.toml, and its results beside that: results/mine/fig5/fig5.nc. Numbers
-    that are not set are the paper's; theta is the inclination at which a study looks that has no range of it. A rig
-    comes from another one, from a TOML file with a table [set], or from that of a structure (fiv structure), whose
-    modes are kept. A rig that has results is never changed. A name has letters, digits, _ and -.
+    that are not set are the paper's; a study that has a range of one, table6 of theta, keeps it. A rig comes from
+    another one, from a TOML file with a table [set], or from that of a structure (fiv structure), whose modes are
+    kept. A rig that has results is never changed. A name has letters, digits, _ and -.
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import registry
+    from studies.answering.results import RIG_FILE
     from studies.asking import rigs
     from studies.asking.request import assignment
     from sweeps import InputError
@@ -55,7 +56,7 @@ def rig(name: str | None, source: str | None, assignments: tuple[str, ...], out:
     with warned(say):
         one, written = rigs.define(name, source, values, out, taken=registry.names())
     show("\n".join(described(one)))
-    say(f"\nwritten: {one.folder / rigs.RIG_FILE}" if written else "\nit is so already")
+    say(f"\nwritten: {one.folder / RIG_FILE}" if written else "\nit is so already")
     more = ["--out", out] if out else []
     say(f"use it:  {' '.join(['fiv run fig5 --rig', one.name, *more])}")
 
@@ -70,11 +71,9 @@ def described(one: NamedRig) -> list[str]:
     lines = [f"rig {one.name}: {', '.join(one.results) or 'no results yet'}"]
     if one.structure is not None:
         return [*lines, *structure.described(Structure.from_dict(one.structure))]
-    rows = list[tuple[str, str, str]]()
+    rows = list[tuple[str, ...]]()
     for name, value in one.numbers.items():
         parameter = rigs.NUMBERS[name]
-        ours, papers = (
-            named(name, each, parameter.units).partition(" = ")[2] for each in (value, parameter.default)
-        )
-        rows.append((name, ours, papers))
+        both = (named(name, each, parameter.units) for each in (value, parameter.default))
+        rows.append((name, *(text.partition(" = ")[2] for text in both)))
     return [*lines, columns([("number", one.name, "paper"), *rows]) if rows else "all numbers are the paper's"]
