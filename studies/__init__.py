@@ -118,8 +118,8 @@ def fit(
     """Find the parameters that give what was observed, store weighted draws with a figure, and return the dataset.
 
     `problem` is the path of a TOML file as `fiv fit --help` describes it, or a dict like its content. There are
-    `rounds` rounds of `samples` draws each, by default 4 of 128; `rig`, other options and errors are those of `run`.
-    The dataset has along `draw` each unknown, the `round`, the `weight` and the prediction of each target.
+    `rounds` rounds of `samples` draws each, by default 4 of 128; other options and errors are those of `run`. The
+    dataset has along `draw` each unknown, the `round`, the `weight` and the prediction of each target.
     """
     from functools import partial
 

@@ -33,10 +33,14 @@ def results_folder(out: str | Path | None = None) -> Path:
     return expanded(out or os.environ.get("FIV_RESULTS") or "results")
 
 
-def existing(out: str | Path | None) -> str | Path | None:
-    """A results folder that is read, as it is given; an `InputError` if it is named and does not exist."""
+def existing(out: str | Path | None, study: str = "") -> str | Path | None:
+    """A results folder that is read, as it is given; an `InputError` if it is named and does not exist.
+
+    Its message says how the result of a `study` would be computed there.
+    """
     if out and not results_folder(out).is_dir():
-        raise MissingFileError(f"no results in {out}: the folder does not exist")
+        compute = f"; compute it with: {command('run', study, out)}" if study else ""
+        raise MissingFileError(f"no results in {out}: the folder does not exist{compute}")
     return out
 
 

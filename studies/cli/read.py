@@ -85,7 +85,7 @@ def show_status(target: str | None, as_json: bool, rig: str | None, out: str | N
     from studies.answering import results
     from sweeps import status
 
-    out = _place(rig, out)
+    out = _place(rig, out, target)
     if target is not None:
         with results.reading(file := _file(target, out)):
             now = status(file)
@@ -195,7 +195,7 @@ def query(target: str, rig: str | None, out: str | None, form: str, units: bool,
     from studies.motion import mixed
     from studies.query import query as rows
 
-    file = _file(target, _place(rig, out))
+    file = _file(target, _place(rig, out, target))
     with results.reading(file):
         dataset = results.open_dataset(file)
         frame = rows.select(dataset, note=lambda line: say(f"fiv: {line}"), **which)
@@ -224,7 +224,7 @@ def plot(target: str, rig: str | None, out: str | None, form: str) -> None:
     from studies import runner
     from studies.answering import results
 
-    out = out if results.is_path(target) and rig is None else _place(rig, out)
+    out = out if results.is_path(target) and rig is None else _place(rig, out, target)
     file = beside = _file(target, out)
     if results.is_path(target):
         beside = results.results_folder(out) / file.name if out else file
@@ -266,12 +266,13 @@ def report(targets: tuple[str, ...], rig: str | None, out: str | None, file: str
     show(str(page.write(targets, out, file, tell)))
 
 
-def _place(rig: str | None, out: str | None) -> str | None:
+def _place(rig: str | None, out: str | None, target: str | None = None) -> str | None:
     """The results folder that is read, of a rig its own; one that is named must exist."""
-    from studies.answering.results import existing
+    from studies.answering.results import existing, is_script
     from studies.asking import rigs
 
-    folder = rigs.place(rig, existing(out))
+    study = target if target and (target in catalogue() or is_script(target)) and not rig else ""
+    folder = rigs.place(rig, existing(out, study))
     return None if folder is None else str(folder)
 
 
