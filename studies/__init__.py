@@ -59,24 +59,24 @@ def run(
         Number of draws, and their seed; by default 1024 and 0.
     points : path, mapping or pandas.DataFrame
         Rows to compute instead of a grid: a CSV file, or columns by name.
-    rig : Structure or path
-        A `fivcore.Structure` in place of the paper's rig, its TOML file, or a result of it.
+    rig : str, Structure or path
+        The name of a rig (`fiv rig`), in whose folder the results then lie; or in place of the paper's rig a
+        `fivcore.Structure`, its TOML file, a result of it, or a TOML file with a table [set]. A path has a suffix
+        or a slash.
     **parameters
         A number in SI, a word, a list, a frozen distribution of `scipy.stats`, or text as on the command line:
         ``V="1,2mm/s"``, ``mu="0:0.5:101"``, ``p1_length="normal:50:0.1mm"``.
 
     A wrong name or value is a `ValueError`, an unusable folder a `sweeps.StoreError`; nothing is written then.
     """
-    from dataclasses import replace
-
     from studies import registry, runner
-    from studies.asking.request import Request, structure_of
+    from studies.asking import rigs
+    from studies.asking.request import Request
 
     one = registry.resolve(study)
     request = Request("", parameters, points, tuple(record), sample_rate, samples, seed)
-    if rig is not None:
-        request = replace(request, structure=structure_of(rig))
-    return _executed(one, runner.plan(one, request, out, fresh=fresh), scheduler, workers, progress)
+    request, place = rigs.requested(rig, request, one, out)
+    return _executed(one, runner.plan(one, request, place, fresh=fresh), scheduler, workers, progress)
 
 
 def map(
@@ -108,6 +108,7 @@ def fit(
     *,
     samples: int | None = None,
     rounds: int | None = None,
+    rig: str | Path | None = None,
     out: str | Path | None = None,
     fresh: bool = False,
     scheduler: Any = None,
@@ -124,13 +125,15 @@ def fit(
 
     from studies import registry, runner
     from studies.answering import results
+    from studies.asking import rigs
     from studies.fitting import presentation
     from studies.fitting.problem import read
     from studies.fitting.rounds import run as fitted
     from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
-    one, watch = read(problem, registry.resolve, samples=samples, rounds=rounds), partial(_callback, progress)
-    file = results.file_of_fit(one.name, out)
+    own, place = rigs.found(rig, out)
+    one, watch = read(problem, registry.resolve, own, samples=samples, rounds=rounds), partial(_callback, progress)
+    file = results.file_of_fit(one.name, place)
     dataset = fitted(one, file, runner.backend(scheduler, workers), watch, fresh=fresh)
     runner.plot(presentation.study(dataset), dataset, file)
     return dataset
@@ -179,13 +182,18 @@ def measure(
     return measured.statistics(measured.read(path, unit, rate, channel), band)
 
 
-def open(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
-    """Open a result by its name in the results folder, else with a warning in the reference, or by its path."""
+def open(name: str | Path, out: str | Path | None = None, *, rig: str | None = None) -> xr.Dataset:
+    """Open a result by its name in the results folder, else with a warning in the reference, or by its path.
+
+    `rig` is the name of the rig whose result it is (`fiv rig`).
+    """
     from warnings import warn
 
     from studies.answering import results
+    from studies.asking import rigs
     from studies.query import accessor  # noqa: F401 - with the accessor .fiv
 
+    out = rigs.place(rig, results.existing(out))
     dataset = results.open_dataset(name, out)
     if notice := results.notice(name, out):
         warn(notice, stacklevel=2)

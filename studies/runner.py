@@ -18,9 +18,18 @@ import sweeps
 from fivcore import FIXED_CONTACT_LIMIT, fixed_contact
 from studies import registry
 from studies.answering import reference, summary
-from studies.answering.results import MAPS, file_of, is_fit, is_own, open_dataset, reference_folder, results_folder
-from studies.asking import mapping
-from studies.asking.request import Request, structure_of
+from studies.answering.results import (
+    MAPS,
+    file_of,
+    is_fit,
+    is_own,
+    open_dataset,
+    reference_folder,
+    results_folder,
+    rig_in,
+)
+from studies.asking import mapping, rigs
+from studies.asking.request import Request
 from studies.asking.sweep import sweep_of
 from studies.declaring.parameters import unusual, warn_unusual
 from studies.declaring.spec import typed
@@ -88,12 +97,16 @@ def plan(
     assert not isinstance(one, str)
     if is_own(results_folder(out)) or is_own(results_folder(out).parent):
         raise InputError(f"{results_folder(out)}: runs only read the reference; choose another folder (out=...)")
+    if (inside := rig_in(results_folder(out))) and request.rig != inside:
+        raise InputError(f"{results_folder(out)}: it is the folder of the rig {inside!r}; write rig={inside}")
     values = request.values_of(one)
     sweep = sweep_of(one, values, **request.points_of(one))
     if request.sides:
         sweep = mapping.mapped(one, request, sweep)
         file = file or results_folder(out) / MAPS / f"{mapping.name_of(one, request, values)}.nc"
     file = file or file_of(one.name, out)
+    if inside := rig_in(file.parent):
+        raise InputError(f"{file.parent}: it is the folder of the rig {inside!r}; give the study another name")
     every = {name: parameter.default for name, parameter in one.parameters.items()} | values
     numbers = {k: v for k, v in every.items() if v is not None and not hasattr(v, "ppf")}
     lines = unusual(numbers, set(values))
@@ -114,12 +127,15 @@ def plan_map(
     x: str, y: str | None = None, quantities: str | Sequence[str] = "growth_rate",
     fix: Mapping[str, Any] | None = None, out: str | Path | None = None, *, rig: Any = None, **how: Any,
 ) -> tuple[Study, sweeps.Plan]:  # fmt: skip
-    """The study and the plan of a map; `rig` is a structure or its file, `how` has options of both."""
+    """The study and the plan of a map; `rig` is as in `rigs.requested`, `how` has options of both."""
     names = [name.strip() for name in quantities.split(",")] if isinstance(quantities, str) else quantities
-    one, structure = registry.of_quantities(names), None if rig is None else structure_of(rig)
+    one = registry.of_quantities(names)
     stored = {name: how.pop(name) for name in ("fresh", "adopt", "retry_failed", "strict") if name in how}
-    request = mapping.request_of(one, x, y, names, fix, structure=structure, **how)
-    return one, plan(one, request, out, **stored)
+    sides = tuple(side.partition("=")[0].strip() for side in (x, y) if side)
+    asked, place = rigs.requested(rig, Request(values=fix or {}, sides=sides), one, out)
+    about: dict[str, Any] = {"structure": asked.structure, "rig": asked.rig, "base": asked.base}
+    request = mapping.request_of(one, x, y, names, asked.values, **about, **how)
+    return one, plan(one, request, place, **stored)
 
 
 def rerun(study: str, values: Mapping[str, Any], point: Mapping[str, Any], rig: Path | None = None) -> str:

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 # The repository's own outcomes, maps and fits, in the results folder.
 REFERENCE, MAPS, FITS = "reference", "map", "fit"
+# In the folder of a named rig (`studies.asking.rigs`).
+RIG_FILE = "rig.toml"
 # Dimensions of points that vary together: draws, and rows of a table.
 PATHS = ("sample", "row")
 
@@ -29,6 +31,17 @@ PATHS = ("sample", "row")
 def results_folder(out: str | Path | None = None) -> Path:
     """Where results go: `out`, else FIV_RESULTS, else `results` under the current folder."""
     return expanded(out or os.environ.get("FIV_RESULTS") or "results")
+
+
+def existing(out: str | Path | None, study: str = "") -> str | Path | None:
+    """A results folder that is read, as it is given; an `InputError` if it is named and does not exist.
+
+    Its message says how the result of a `study` would be computed there.
+    """
+    if out and not results_folder(out).is_dir():
+        compute = f"; compute it with: {command('run', study, out)}" if study else ""
+        raise MissingFileError(f"no results in {out}: the folder does not exist{compute}")
+    return out
 
 
 def expanded(path: str | Path) -> Path:
@@ -69,9 +82,17 @@ def file_of_fit(name: str, out: str | Path | None = None) -> Path:
 
 
 def reference_folder(out: str | Path | None = None) -> Path:
-    """The repository's own outcomes: below the results folder, else below `results` of the current folder."""
+    """The repository's own outcomes: below the results folder, else below `results` of the current folder.
+
+    They are of the paper's rig: below the folder of another there are none.
+    """
     folder = results_folder(out) / REFERENCE
-    return folder if folder.is_dir() else Path("results") / REFERENCE
+    return folder if folder.is_dir() or rig_in(folder.parent) else Path("results") / REFERENCE
+
+
+def rig_in(folder: Path) -> str:
+    """The name of the rig whose results lie in a folder; "" if it is none of a named rig."""
+    return folder.resolve().name if (folder / RIG_FILE).is_file() else ""
 
 
 def is_own(folder: Path) -> bool:
@@ -149,8 +170,11 @@ def reading(file: Path | None) -> Iterator[None]:
 
 
 def command(verb: str, study: str, out: str | Path | None = None) -> str:
-    """A command of `fiv` as one types it, into the same results folder."""
-    return shlex.join(["fiv", verb, study, *(["--out", os.fspath(out)] if out else [])])
+    """A command of `fiv` as one types it, into the same results folder, or for the rig whose folder it is."""
+    rig = []
+    if out and (name := rig_in(folder := results_folder(out))):
+        rig, out = ["--rig", name], None if folder.parent == results_folder() else folder.parent
+    return shlex.join(["fiv", verb, study, *rig, *(["--out", os.fspath(out)] if out else [])])
 
 
 def configuration(dataset: xr.Dataset) -> dict[str, Any]:

@@ -39,6 +39,8 @@ KEYS: dict[str, tuple[tuple[type, ...], str]] = {
 DRAWS = ("samples", "seed")
 # A file with one of these is of a structure (`fivcore.Structure.read`).
 STRUCTURE = ("mass", "stiffness", "modes", "mode")
+# What a named rig holds of one: `Structure.to_dict`.
+KEPT = "structure"
 MOST_ROWS = 1_000_000
 
 
@@ -52,6 +54,8 @@ class Request:
 
     A map has `sides`, the parameter across and that upwards, whose intervals are halved `refine` times where the
     first of its `quantities` changes, or where interpolation is off by `tolerance` of its range.
+
+    `rig` is the name of the rig in whose folder the results lie, and `base` has its own numbers.
     """
 
     study: str = ""
@@ -69,6 +73,8 @@ class Request:
     quantities: tuple[str, ...] = ()
     refine: int = 0
     tolerance: float | None = None
+    rig: str = ""
+    base: Mapping[str, Any] | None = None
 
     def over(self, other: Request) -> Request:
         """The values of this request, and those of another where this one has none."""
@@ -181,10 +187,26 @@ def own_structure(rig: Structure | str | Path) -> Structure:
         return rig
     if Path(rig).suffix == ".nc":
         return Structure.from_dict(structure_of(rig))
+    with toml(rig, str(rig)) as content:
+        if isinstance(kept := content.get(KEPT), dict):
+            return Structure.from_dict(_kept(kept))
     try:
         return Structure.read(path := expanded(rig))
     except ValueError as problem:
         raise InputError(f"{rig}: {str(problem).removeprefix(f'{path}: ')}") from None
+
+
+def _kept(content: Mapping[str, Any]) -> dict[str, Any]:
+    """`to_dict` of the structure that the file of a named rig holds; what is None is left out there."""
+
+    def whole(given: Mapping[str, Any]) -> dict[str, Any]:
+        wider = whole(given["wider"]) if "wider" in given else None
+        return {"rayleigh": None, "cutoff": None, **given, "wider": wider}
+
+    try:
+        return Structure.from_dict(whole(content)).to_dict()
+    except (KeyError, TypeError) as problem:
+        raise InputError(f"{KEPT}: it is damaged: {problem}") from None
 
 
 def read(file: str | Path, option: str = "--config") -> Request:
@@ -192,7 +214,7 @@ def read(file: str | Path, option: str = "--config") -> Request:
     if Path(file).suffix == ".nc":
         return Request(structure=structure_of(file))
     with toml(file, f"{option} {file}") as content:
-        if not content.keys().isdisjoint(STRUCTURE):
+        if not content.keys().isdisjoint((*STRUCTURE, KEPT)):
             return Request(structure=structure_of(file))
         check_keys(content, KEYS, f"; of a structure {' or '.join(STRUCTURE)}")
         for key, value in content.items():

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+import shlex
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,15 +60,20 @@ def run(study: str, fail_fast: bool, yes: bool, share: str | None, **points: Any
     """  # noqa: D301 - the backspace tells click to keep the lines
     announce_compiling()
     file, signal = points.pop("measured"), {name: points.pop(name) for name in ("unit", "rate", "channel")}
-    with _offering(points["assignments"], points["out"]):
+    with _offering(points["assignments"], points["rig"], points["out"]):
         one, planned, request, lines = _planned(study, points, True)
     one = beside(one, file, **signal)
     execute(one, _shared(planned, share), (request.scheduler, request.workers), fail_fast, yes, lines)
 
 
 @contextmanager
-def _offering(assignments: Sequence[str], out: str | None) -> Iterator[None]:
-    """Add to a refused results folder a command with another, named after the requested values."""
+def _offering(assignments: Sequence[str], rig: str | None, out: str | None) -> Iterator[None]:
+    """Add to a refused results folder a command that keeps both: with a named rig, or with another folder.
+
+    They are named after the requested values.
+    """
+    from studies.asking import rigs
+    from studies.declaring.parameters import RIG
     from sweeps import LockedError, StoreError
 
     try:
@@ -74,10 +81,35 @@ def _offering(assignments: Sequence[str], out: str | None) -> Iterator[None]:
     except LockedError:
         raise
     except StoreError as problem:
+        own = [text for text in assignments if text.partition("=")[0].strip() in RIG]
+        if rigs.is_name(rig) and rig is not None:
+            raise
+        if (own or rig) and not any({*":,"} & {*text} for text in own):
+            own += [text for text in assignments if text.startswith("theta=") and not {*":,"} & {*text}]
+            file = [] if rig is None else [rig]
+            called = rigs.free("-".join([*(Path(each).stem for each in file), *own]).replace("=", "-"), out)
+            place = ["--out", out] if out else []
+            sets = [word for text in own for word in ("--set", text)]
+            make = shlex.join(["fiv", "rig", called, *file, *sets, *place])
+            raise StoreError(f"{problem}; keep both: {make} && {_with_rig(called, own)}") from None
         name = re.sub(r"[^\w.,+-]", "_", "-".join(text.replace("=", "-", 1) for text in assignments))[:LONGEST]
         if out or not name:
             raise
         raise StoreError(f"{problem}; for example: {typed('--fresh')} --out {name}") from None
+
+
+def _with_rig(name: str, own: Sequence[str]) -> str:
+    """The command of this process with a named rig in place of its own numbers, or of its file."""
+    words, left = list[str](), iter(shlex.split(typed("--fresh")))
+    for word in left:
+        option, equals, value = word.partition("=")
+        if option in ("--set", "--rig"):
+            value = value if equals else next(left)
+            if option == "--set" and value not in own:
+                words += ["--set", value]
+        else:
+            words.append(word)
+    return shlex.join([*words, "--rig", name])
 
 
 def _values(standard_error: float | None, options: dict[str, Sequence[str]]) -> dict[str, Any]:
@@ -101,8 +133,8 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
     from fivcore import Structure
     from studies import registry, runner
     from studies.answering import results
-    from studies.asking import request
-    from sweeps import InputError, Store, check_free
+    from studies.asking import request, rigs
+    from sweeps import InputError, Store, StoreError, check_free
 
     assigned = {"--set": options.pop("assignments"), "--scatter": options.pop("scatter")}
     values = _values(options.pop("standard_error"), assigned)
@@ -110,13 +142,18 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
     how = {name: options.pop(name) for name in ("fresh", "adopt", "retry_failed", "strict")}
     names = () if record is None else tuple(name.strip() for name in record.split(","))
     wanted = request.Request(values=values, record=names, command=typed(*SHOWING) if writing else "", **options)
-    for option, path in (("--rig", rig), ("--config", config)):
+    own = rigs.named(rig, out) if rig is not None and rigs.is_name(rig) else None
+    out = out if own is None else own.folder
+    for option, path in (("--rig", None if own else rig), ("--config", config)):
         if path is not None:
             wanted = wanted.over(request.read(path, option))
     name, file = study, None
-    if study not in registry.names() and Store(own := results.results_file(study, out)).exists():
-        study = str(own)
+    if study not in registry.names() and Store(stored := results.results_file(study, out)).exists():
+        study = str(stored)
     if results.is_path(study):
+        if own is not None and not results.results_file(study).resolve().is_relative_to(own.folder.resolve()):
+            advice = f"give the name of a study, such as fiv run fig5 --rig {own.name}"
+            raise InputError(f"{study}: it has its own rig; leave out --rig, or {advice}")
         with results.reading(results.results_file(study)):
             source = request.of_result(results.open_dataset(study), study)
         if wanted.structure and not source.structure:
@@ -126,13 +163,20 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
         if Path(study).parent.name == results.MAPS:
             file = results.results_folder(out) / results.MAPS / Path(study).name
     one = registry.resolve(name)
+    if own is not None:
+        wanted = replace(wanted, rig=own.name) if results.is_path(study) else rigs.applied(own, wanted, one)
     if wanted.study not in ("", one.name, study):
         raise InputError(f"{config or rig}: study = {wanted.study!r}: STUDY is {one.name}; leave one out")
     if writing:
         check_free(file or results.file_of(one.name, out))
     lines = [f"rig             {Structure.from_dict(wanted.structure)!r}"] if wanted.structure else []
+    lines = lines if own is None else [f"rig             {own.name}: {own.title}"]
     with warned(lines.append):
-        planned = runner.plan(one, wanted, out, file=file, **how)
+        try:
+            planned = runner.plan(one, wanted, out, file=file, **how)
+        except StoreError:
+            say(*lines)  # an unusual value is why
+            raise
     return one, planned, wanted, lines
 
 
@@ -148,9 +192,9 @@ def _shared(planned: Plan, share: str | None) -> Plan:
     return planned.share(int(numbers[1]), int(numbers[2]))
 
 
-def planned_again(file: Path, out: str | None) -> tuple[Study, Plan]:
-    """The study of a result, finished or not, and its plan in a results folder."""
-    options: dict[str, Any] = dict.fromkeys(("standard_error", "config", "rig", "record"))
+def planned_again(file: Path | str, out: str | None, rig: str | None = None) -> tuple[Study, Plan]:
+    """The study of a result, finished or not, or one by its name, and its plan in a results folder."""
+    options: dict[str, Any] = dict.fromkeys(("standard_error", "config", "record")) | {"rig": rig}
     options |= dict.fromkeys(("fresh", "adopt", "retry_failed", "strict"), False)
     return _planned(str(file), {**options, "assignments": (), "scatter": (), "out": out}, True)[:2]
 

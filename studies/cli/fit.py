@@ -8,7 +8,7 @@ import click
 
 from studies.cli.app import command, warned
 from studies.cli.execution import report, watched
-from studies.cli.options import HOW, STORED
+from studies.cli.options import HOW, RIG, STORED
 from studies.cli.output import say
 from studies.cli.progress import announce_compiling
 
@@ -19,8 +19,16 @@ DRAWS = (
 )
 
 
-@command("fit", "Which parameters give what was observed.", FILE, *DRAWS, *STORED[:2], *HOW[:2])
-def fit(file: str, out: str | None, fresh: bool, scheduler: str | None, workers: int | None, **draws: Any) -> None:
+@command("fit", "Which parameters give what was observed.", FILE, RIG, *DRAWS, *STORED[:2], *HOW[:2])
+def fit(
+    file: str,
+    rig: str | None,
+    out: str | None,
+    fresh: bool,
+    scheduler: str | None,
+    workers: int | None,
+    **draws: Any,
+) -> None:
     """Find the parameters that give what was observed: weighted draws, medians and intervals, a figure of pairs.
 
     \b
@@ -35,13 +43,15 @@ def fit(file: str, out: str | None, fresh: bool, scheduler: str | None, workers:
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import registry, runner
     from studies.answering import results
+    from studies.asking import rigs
     from studies.fitting import presentation, problem, rounds
     from sweeps import check_free
 
     announce_compiling()
+    one, folder = rigs.found(rig, out)
     with warned(say):
-        read = problem.read(file, registry.resolve, **draws)
-    check_free(place := results.file_of_fit(read.name, out))
+        read = problem.read(file, registry.resolve, one, **draws)
+    check_free(place := results.file_of_fit(read.name, folder))
     dataset = rounds.run(read, place, runner.backend(scheduler, workers), watched, fresh=fresh)
     study = presentation.study(dataset)
     report(study, runner.RunResult(study, dataset, place, runner.plot(study, dataset, place)))

@@ -15,7 +15,7 @@ try:
     import click
     from click.shell_completion import shell_complete
 
-    from studies.cli import compute, fit, measure, read, shares, structure  # noqa: F401 - they add their commands
+    from studies.cli import compute, fit, measure, read, rig, shares, structure  # noqa: F401 - they add their commands
     from studies.cli.app import fiv
     from studies.cli.options import catalogue
     from studies.cli.output import FLAGS, show, tell
@@ -29,7 +29,7 @@ CODES = {"InputError": 2, "UnsolvedError": 2, "StoreError": 3, "ClusterLostError
 INTERNAL = 70
 # Arguments with which a message begins, and that are options here.
 OPTIONS = r"(x|y|fix|quantity|channel|unit|rate)(?= [\w,]+:)|"
-OPTIONS += r"(points|samples|seed|workers|tolerance|channel|unit|rate)(?: =)"
+OPTIONS += r"(points|samples|seed|workers|tolerance|channel|unit|rate|rig)(?: =)"
 
 
 def main() -> NoReturn:

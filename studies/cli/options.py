@@ -27,8 +27,21 @@ def _studies(context: click.Context, argument: click.Parameter, incomplete: str)
 
 def result_names(out: str | None = None) -> list[str]:
     """Names of what the results folder seems to hold, without a look into it."""
-    folder = Path(out or os.environ.get("FIV_RESULTS") or "results").expanduser()
-    return sorted({path.name.partition(".nc")[0] for path in folder.glob("*/[!.]*.nc*")})
+    return sorted({path.name.partition(".nc")[0] for path in _folder(out).glob("*/[!.]*.nc*")})
+
+
+def rig_names(out: str | None = None) -> list[str]:
+    """Names of the folders that rigs have there: those with a file of theirs, and the paper's."""
+    folder = _folder(out)
+    return sorted({path.parent.name for path in (*folder.glob("*/rig.toml"), *folder.glob("paper/*/[!.]*.nc"))})
+
+
+def _folder(out: str | None) -> Path:
+    return Path(out or os.environ.get("FIV_RESULTS") or "results").expanduser()
+
+
+def _rigs(context: click.Context, argument: click.Parameter, incomplete: str) -> list[str]:
+    return [name for name in rig_names(context.params.get("out")) if name.startswith(incomplete)]
 
 
 def target(name: str, metavar: str, **options: Any) -> Any:
@@ -56,7 +69,9 @@ STORED = (
 )
 SPECS = "mu=0.2, V=1,2mm/s, mu=0:0.5:101 (start:stop:count), mu=log:1e-3:1:30, V=auto, a word, a distribution"
 KEYS = "set and scatter (tables), study, points, record, sample_rate, samples, seed, scheduler, workers"
-RIG = option("--rig", metavar="FILE.toml", help="An own structure (fiv structure), or a file as for --config.")
+RIG_HELP = "A rig by name (fiv rig), in whose folder results lie; or a file: an own structure, or as for --config."
+RIG = option("--rig", metavar="NAME|FILE", shell_complete=_rigs, help=RIG_HELP)
+RIGS = option("--rig", metavar="NAME", shell_complete=_rigs, help="The rig whose results are meant (fiv rig).")
 # Options of `plan` and `run`: the points.
 POINTS = (
     option("--set", "assignments", multiple=True, metavar="NAME=SPEC", help=f"Values of a parameter: {SPECS}."),
@@ -82,7 +97,7 @@ MAP = (
     option("--x", required=True, metavar="NAME=SPEC", help="Axis across: theta=-10:20:61 or V=log:2e-4:1e-2:30."),
     option("--y", metavar="NAME=SPEC", help="Axis up; without it the map is a curve over x."),
     option("--fix", "fixed", multiple=True, metavar="NAME=VALUE", help="Another parameter: theta=8."),
-    option("--rig", metavar="FILE.toml", help="An own structure (fiv structure)."),
+    RIG,
     option("--quantity", required=True, metavar="NAME,...", help="What is drawn; see the list below."),
     option("--refine", type=click.IntRange(0, 12), default=0, metavar="N", help=HALVED),
     option("--tolerance", type=float, metavar="T", help="Largest error of interpolation, of the range: 0.02."),
@@ -100,6 +115,7 @@ QUERY = (
     option("--limit", type=click.IntRange(min=0), metavar="N", help="Largest number of rows."),
     option("--format", "form", type=FORMS, default="table", show_default=True, help="csv, json: all digits."),
     option("--units", is_flag=True, help="Heads with units: V [m s-1]; in json an object beside the rows."),
+    RIGS,
     OUT,
 )
 FILM: Any = {"is_flag": False, "flag_value": "gif", "type": click.Choice(["gif", "mp4"]), "metavar": "[gif|mp4]"}

@@ -6,12 +6,13 @@ import glob
 import json
 import sys
 import time
+from textwrap import indent
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from studies.cli.app import command
-from studies.cli.options import MOVING, OUT, QUERY, TARGET, catalogue, result_names, target
+from studies.cli.options import MOVING, OUT, QUERY, RIGS, TARGET, catalogue, result_names, rig_names, target
 from studies.cli.output import FLAGS, about, columns, say, show, tell
 
 if TYPE_CHECKING:
@@ -36,12 +37,12 @@ def list_studies(study: str | None, out: str | None) -> None:
     fiv list fig5
     """  # noqa: D301 - the backspace tells click to keep the lines
     known, rows, description = catalogue(), list[tuple[str, str]](), ""
-    if not study and not FLAGS["quiet"] and result_names(out) and (own := _rows(out)):
+    if not study and not FLAGS["quiet"] and (own := _grouped(out)):
         from studies.answering.results import reference_folder, results_folder
 
         shown = "; query, plot and report show their reference" if reference_folder(out).is_dir() else ""
         heads = f"Your results in {results_folder(out)}:", f"Studies{shown}:"
-        show(f"{heads[0]}\n{_table(own)}\n\n{heads[1]}")
+        show(f"{heads[0]}\n{own}\n\n{heads[1]}")
     for name in [study] if study else known:
         entry = known.get(name, {})
         if study or not entry:
@@ -73,8 +74,8 @@ ANY = target("target", "[STUDY|PATH]", required=False)
 AS_JSON = click.option("--json", "as_json", is_flag=True, help="As JSON.")
 
 
-@command("status", "Your results; or how far one is.", ANY, AS_JSON, OUT)
-def show_status(target: str | None, as_json: bool, out: str | None) -> None:
+@command("status", "Your results; or how far one is.", ANY, AS_JSON, RIGS, OUT)
+def show_status(target: str | None, as_json: bool, rig: str | None, out: str | None) -> None:
     """A table of the results folder; or how far one result is, from any shell, while it runs.
 
     \b
@@ -84,6 +85,7 @@ def show_status(target: str | None, as_json: bool, out: str | None) -> None:
     from studies.answering import results
     from sweeps import status
 
+    out = _place(rig, out, target)
     if target is not None:
         with results.reading(file := _file(target, out)):
             now = status(file)
@@ -91,12 +93,27 @@ def show_status(target: str | None, as_json: bool, out: str | None) -> None:
         show(json.dumps(vars(now) | {"run": run}) if as_json else _status_text(now))
         return
     rows = _rows(out)
+    rows += [
+        {"rig": name, **row} for name in rig_names(out) for row in _rows(str(results.results_folder(out) / name))
+    ]
     begin = f"{results.results_folder(out)} has no result; begin with: {results.command('run', 'fig5', out)}"
-    show(json.dumps(rows) if as_json else _table(rows) or begin)
+    show(json.dumps(rows) if as_json else _grouped(out) or begin)
 
 
 def _table(rows: list[dict[str, str]]) -> str:
     return columns([tuple(rows[0]), *(tuple(row.values()) for row in rows)]) if rows else ""
+
+
+def _grouped(out: str | None) -> str:
+    """The results of the folder, then those of each rig under its name and numbers; "" if there are none."""
+    parts = [_table(_rows(out))] if result_names(out) else []
+    for name in rig_names(out):
+        from studies.answering.results import results_folder
+        from studies.asking import rigs
+
+        table = _table(_rows(str(results_folder(out) / name))) or "no results yet"
+        parts.append(f"rig {name}: {rigs.title(name, out)}\n{indent(table, '  ')}")
+    return "\n\n".join(part for part in parts if part)
 
 
 def _rows(out: str | None) -> list[dict[str, str]]:
@@ -158,7 +175,7 @@ def _status_text(status: Status) -> str:
 
 
 @command("query", "Rows of a result as a table, CSV or JSON.", TARGET, *QUERY)
-def query(target: str, out: str | None, form: str, units: bool, **which: Any) -> None:
+def query(target: str, rig: str | None, out: str | None, form: str, units: bool, **which: Any) -> None:
     """Rows of a result, whole or still running: chosen, sorted, and printed as a table, CSV or JSON.
 
     \b
@@ -178,7 +195,7 @@ def query(target: str, out: str | None, form: str, units: bool, **which: Any) ->
     from studies.motion import mixed
     from studies.query import query as rows
 
-    file = _file(target, out)
+    file = _file(target, _place(rig, out, target))
     with results.reading(file):
         dataset = results.open_dataset(file)
         frame = rows.select(dataset, note=lambda line: say(f"fiv: {line}"), **which)
@@ -196,8 +213,8 @@ PLACE = click.option("--out", type=click.Path(), help="Results folder of a STUDY
 FORM = click.option("--format", "form", type=FORMS, default="png", show_default=True, help="svg, pdf: for print.")
 
 
-@command("plot", "Draw the figure of a result again, or show it moving.", TARGET, PLACE, FORM, *MOVING)
-def plot(target: str, out: str | None, form: str, film: str | None, vtu: bool) -> None:
+@command("plot", "Draw the figure of a result again, or show it moving.", TARGET, RIGS, PLACE, FORM, *MOVING)
+def plot(target: str, rig: str | None, out: str | None, form: str, film: str | None, vtu: bool) -> None:
     """Draw the figure of a result again; or what moves in it, as a film or as a series for ParaView.
 
     \b
@@ -209,6 +226,7 @@ def plot(target: str, out: str | None, form: str, film: str | None, vtu: bool) -
     from studies import runner
     from studies.answering import results
 
+    out = out if results.is_path(target) and rig is None else _place(rig, out, target)
     file = beside = _file(target, out)
     if results.is_path(target):
         beside = results.results_folder(out) / file.name if out else file
@@ -235,8 +253,8 @@ PAGE = click.option(
 WATCH = click.option("--watch", is_flag=True, help="Serve the page to this machine while results change.")
 
 
-@command("report", "One HTML page of every result.", TARGETS, OUT, PAGE, WATCH)
-def report(targets: tuple[str, ...], out: str | None, file: str | None, watch: bool) -> None:
+@command("report", "One HTML page of every result.", TARGETS, RIGS, OUT, PAGE, WATCH)
+def report(targets: tuple[str, ...], rig: str | None, out: str | None, file: str | None, watch: bool) -> None:
     """One HTML page of every result: figures, numbers beside the paper's, costs, points, maps to point at.
 
     \b
@@ -246,6 +264,7 @@ def report(targets: tuple[str, ...], out: str | None, file: str | None, watch: b
 
     The page needs no network and no other file.
     """  # noqa: D301 - the backspace tells click to keep the lines
+    out = out if rig is None else _place(rig, out)
     if watch:
         from studies.report.watch import watch as serve
 
@@ -253,6 +272,16 @@ def report(targets: tuple[str, ...], out: str | None, file: str | None, watch: b
     from studies.report import page
 
     show(str(page.write(targets, out, file, tell)))
+
+
+def _place(rig: str | None, out: str | None, target: str | None = None) -> str | None:
+    """The results folder that is read, of a rig its own; one that is named must exist."""
+    from studies.answering.results import existing, is_script
+    from studies.asking import rigs
+
+    study = target if target and (target in catalogue() or is_script(target)) and not rig else ""
+    folder = rigs.place(rig, existing(out, study))
+    return None if folder is None else str(folder)
 
 
 def _file(target: str, out: str | None) -> Path:

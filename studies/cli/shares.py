@@ -10,14 +10,14 @@ import click
 from studies.cli.app import command, warned
 from studies.cli.compute import planned_again
 from studies.cli.execution import report
-from studies.cli.options import OUT, STUDY
+from studies.cli.options import OUT, RIGS, STUDY
 from studies.cli.output import show
 
 DIRS = click.argument("folders", nargs=-1, metavar="[DIR ...]", type=click.Path())
 
 
-@command("merge", "Assemble the shares of a run into one result.", STUDY, DIRS, OUT)
-def merge(study: str, folders: tuple[str, ...], out: str | None) -> None:
+@command("merge", "Assemble the shares of a run into one result.", STUDY, DIRS, RIGS, OUT)
+def merge(study: str, folders: tuple[str, ...], rig: str | None, out: str | None) -> None:
     """Assemble what jobs with `fiv run STUDY --share K/N` have computed, in one results folder or in several.
 
     \b
@@ -30,17 +30,18 @@ def merge(study: str, folders: tuple[str, ...], out: str | None) -> None:
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import registry, runner
     from studies.answering import results
+    from studies.asking import rigs
     from sweeps import PENDING, MissingFileError, Store
 
     name = Path(study).stem if (is_file := results.is_path(study)) else registry.resolve(study).name
-    places = [results.results_folder(each) for each in (out, *folders)]
+    places = [results.results_folder(each) for each in (rigs.place(rig, out), *folders)]
     files = [place / (results.MAPS if is_file else name) / f"{name}.nc" for place in places]
     if (source := next((file for file in files if Store(file).exists()), None)) is None:
         where = ", ".join(map(str, places))
         raise MissingFileError(
             f"{study}: no share of it in {where}; compute one with: fiv run {study} --share 1/4"
         )
-    one, planned = planned_again(source, out)
+    one, planned = planned_again(source, out, rig)
     with results.reading(planned.store), warned(lambda line: show(line, err=True)):
         dataset = planned.merge(*files[1:])
     if (dataset["status"] == PENDING).any():

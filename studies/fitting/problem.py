@@ -13,6 +13,7 @@ import numpy as np
 
 from fivcore import Structure, checks, motion_cutoff
 from studies.asking import request
+from studies.asking.rigs import NamedRig
 from studies.asking.sweep import sweep_of
 from studies.declaring import spec
 from studies.declaring.parameters import RIG, Parameter, check_keys, suggest, unusual, warn_unusual
@@ -82,20 +83,28 @@ class Problem:
     seed: int
 
 
-def read(content: str | Path | Mapping[str, Any], resolve: Callable[[str], Study], **options: Any) -> Problem:
-    """The problem of a TOML file, or of a mapping like its content.
+def read(
+    content: str | Path | Mapping[str, Any],
+    resolve: Callable[[str], Study],
+    rig: NamedRig | None = None,
+    **options: Any,
+) -> Problem:
+    """The problem of a TOML file, or of a mapping like its content, which may name no `rig` where one is given.
 
     `resolve` finds a study by its name; options are `samples`, `rounds` and `seed`, None where the file decides.
     An `InputError` names the file, the unknown or the target, and what is wrong with it.
     """
     given = {name: value for name, value in options.items() if value is not None}
     if isinstance(content, Mapping):
-        return _problem({**DEFAULTS, **content, **given}, Path(), resolve)
+        return _problem({**DEFAULTS, **content, **given}, Path(), resolve, rig)
     with request.toml(content, str(content)) as table:
-        return _problem({**DEFAULTS, "name": Path(content).stem, **table, **given}, Path(content).parent, resolve)
+        own = {**DEFAULTS, "name": Path(content).stem, **table, **given}
+        return _problem(own, Path(content).parent, resolve, rig)
 
 
-def _problem(found: Mapping[str, Any], folder: Path, resolve: Callable[[str], Study]) -> Problem:
+def _problem(
+    found: Mapping[str, Any], folder: Path, resolve: Callable[[str], Study], named: NamedRig | None
+) -> Problem:
     check_keys(found, (*DEFAULTS, "rig"))
     for key, what in TABLES.items():
         if type(found[key]) is not type(DEFAULTS[key]) or not (found[key] or key == "set"):
@@ -104,8 +113,12 @@ def _problem(found: Mapping[str, Any], folder: Path, resolve: Callable[[str], St
         raise InputError(f"name = {found['name']!r}: it must be of letters, digits, _ and -")
     rounds = checks.count("rounds", found["rounds"], MOST_ROUNDS)
     uncertainty.check(found["samples"], found["seed"])
-    rig = request.read(folder / str(found["rig"]), "rig") if "rig" in found else request.Request()
-    reader = _Reader({**rig.values, **found["set"]}, found["unknown"], rig.structure, resolve)
+    if named is not None and "rig" in found:
+        raise InputError(f"rig = {found['rig']!r}: there is another rig already; leave one out")
+    rig = request.read(folder / str(found["rig"]), "rig") if "rig" in found else named or request.Request()
+    unknown = {p for name in found["unknown"] for p in (name, f"p1_{name}", f"p2_{name}")}
+    fixed = {name: value for name, value in rig.values.items() if named is None or name not in unknown}
+    reader = _Reader({**fixed, **found["set"]}, found["unknown"], rig.structure, resolve)
     for number, table in enumerate(found["target"], 1):
         who = f"target {number}"
         try:

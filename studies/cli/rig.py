@@ -1,0 +1,79 @@
+"""The commands of named rigs: rig and compare. Heavy packages are imported inside them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from studies.cli.app import command, warned
+from studies.cli.options import OUT
+from studies.cli.output import columns, say, show
+
+if TYPE_CHECKING:
+    from studies.asking.rigs import NamedRig
+
+NAME = click.argument("name", metavar="[NAME]", required=False)
+SOURCE = click.argument("source", metavar="[FILE|RIG]", required=False)
+SET = click.option("--set", "assignments", multiple=True, metavar="NAME=VALUE", help="A number: p1_length=60mm.")
+
+
+@command("rig", "Name a rig, so that its results lie in a folder of their own.", NAME, SOURCE, SET, OUT)
+def rig(name: str | None, source: str | None, assignments: tuple[str, ...], out: str | None) -> None:
+    """Name a rig; or show one, or all.
+
+    \b
+    fiv rig mine --set p1_length=60mm --set head_mass=2kg
+    fiv rig softer mine --set p2_young_modulus=70GPa
+    fiv run fig5 --rig mine
+    fiv compare mine paper
+
+    The results folder keeps it as NAME/rig.toml, and its results beside that: results/mine/fig5/fig5.nc. Numbers
+    that are not set are the paper's; a study that has a range of one, table6 of theta, keeps it. A rig comes from
+    another one, from a TOML file with a table [set], or from that of a structure (fiv structure), whose modes are
+    kept. A rig that has results is never changed. A name has letters, digits, _ and -.
+    """  # noqa: D301 - the backspace tells click to keep the lines
+    from studies import registry
+    from studies.answering.results import RIG_FILE
+    from studies.asking import rigs
+    from studies.asking.request import assignment
+    from sweeps import InputError
+
+    if name is None:
+        rows = [(each, rigs.title(each, out)) for each in rigs.names(out)]
+        make = f"no rig has a name; begin with: fiv rig mine --set p1_length=60mm{f' --out {out}' if out else ''}"
+        show(columns([("rig", "numbers"), *rows]) if rows else make)
+        return
+    values = dict[str, Any]()
+    for text in assignments:
+        number, value = assignment(text)
+        if number in values:
+            raise InputError(f"--set {text!r}: {number} is set already; a rig has one value of it")
+        values[number] = value
+    if source is None and not values:
+        show("\n".join(described(rigs.named(name, out))))
+        return
+    with warned(say):
+        one, written = rigs.define(name, source, values, out, taken=registry.names())
+    show("\n".join(described(one)))
+    say(f"\nwritten: {one.folder / RIG_FILE}" if written else "\nit is so already")
+    more = ["--out", out] if out else []
+    say(f"use it:  {' '.join(['fiv run fig5 --rig', one.name, *more])}")
+
+
+def described(one: NamedRig) -> list[str]:
+    """A rig's numbers beside the paper's, or its modes, and its results, as lines."""
+    from fivcore import Structure
+    from studies.asking import rigs
+    from studies.cli import structure
+    from studies.declaring.labels import named
+
+    lines = [f"rig {one.name}: {', '.join(one.results) or 'no results yet'}"]
+    if one.structure is not None:
+        return [*lines, *structure.described(Structure.from_dict(one.structure))]
+    rows = list[tuple[str, ...]]()
+    for name, value in one.numbers.items():
+        parameter = rigs.NUMBERS[name]
+        both = (named(name, each, parameter.units) for each in (value, parameter.default))
+        rows.append((name, *(text.partition(" = ")[2] for text in both)))
+    return [*lines, columns([("number", one.name, "paper"), *rows]) if rows else "all numbers are the paper's"]
