@@ -34,6 +34,7 @@ def run(
     progress: bool | Progress | None = None,
     out: str | Path | None = None,
     fresh: bool = False,
+    retry_failed: bool = False,
     samples: int | None = None,
     seed: int | None = None,
     points: str | Path | Mapping[str, Any] | pd.DataFrame | None = None,
@@ -53,8 +54,10 @@ def run(
         Dask client or cluster, an executor; number of processes, or of threads.
     progress : bool or callable
         True shows a bar; a callable gets a `sweeps.Snapshot` now and then.
-    out, fresh : path, bool
-        The results folder, by default FIV_RESULTS or `results`; start over, instead of computing missing points.
+    out : path
+        The results folder, by default FIV_RESULTS or `results`.
+    fresh, retry_failed : bool
+        Start over, instead of computing missing points; compute failed points again, too.
     samples, seed : int
         Number of draws, and their seed; by default 1024 and 0.
     points : path, mapping or pandas.DataFrame
@@ -76,7 +79,8 @@ def run(
     one = registry.resolve(study)
     request = Request("", parameters, points, tuple(record), sample_rate, samples, seed)
     request, place = rigs.requested(rig, request, one, out)
-    return _executed(one, runner.plan(one, request, place, fresh=fresh), scheduler, workers, progress)
+    plan = runner.plan(one, request, place, fresh=fresh, retry_failed=retry_failed)
+    return _executed(one, plan, scheduler, workers, progress)
 
 
 def map(

@@ -32,8 +32,8 @@ class Claim:
     variable : str
         Of the result.
     at : mapping
-        Values of parameters, or indices along a dimension that has no values; a pair means all values of an axis
-        between its ends, both excluded. Without theta, mu or F: those of the paper's operating point.
+        Values of parameters, or numbers from 1 along a dimension that has no values; a pair means all values of
+        an axis between its ends, both excluded. Without theta, mu or F: those of the paper's operating point.
     value : float or str
         In the variable's units, NaN if the paper has no number; the word of a variable with flags.
     section : str

@@ -82,10 +82,9 @@ def answer(dataset: xr.Dataset, claim: Claim) -> xr.DataArray | None:
                 return None
             found = found.sel({name: value})
         elif name in found.dims:
-            if int(value) >= dataset.sizes[name]:
+            if int(value) > dataset.sizes[name]:
                 return None
-            # Counted from 1 where it is named.
-            found = found.isel({name: int(value)}).assign_coords({name: int(value) + 1})
+            found = found.isel({name: int(value) - 1}).assign_coords({name: int(value)})
         elif name in fixed and fixed[name] != value:
             return None
     return found if found is not None and found.size else None

@@ -108,7 +108,7 @@ def _code_of(problem: Exception) -> int:
         if "extra argument" in text and "=" in text:
             text += "; a value needs --set before it, or --fix for a map"
     elif isinstance(problem, MemoryError):
-        code, text = 2, f"out of memory: {problem or 'nothing more could be allocated'}; take fewer values"
+        code, text = 2, f"out of memory: {str(problem) or 'nothing more could be allocated'}; take fewer values"
     elif isinstance(problem, RecursionError):
         code, text = 2, "something is nested too deeply; -v shows where"
     elif isinstance(problem, OSError) and code == INTERNAL and problem.filename is not None:

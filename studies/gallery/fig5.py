@@ -28,7 +28,7 @@ OUTPUTS = MODES
 # The paper's onsets are the first unstable values on a grid of mu with a step of 0.01.
 CLAIMS = tuple(
     Claim(name, {"onset": k}, value, "3.4.2, steps of 0.01" if name == "onset_mu" else "3.4.2")
-    for k, onset in enumerate(paper.ONSETS)
+    for k, onset in enumerate(paper.ONSETS, 1)
     for name, value in zip(("onset_mu", "onset_frequency"), onset, strict=True)
 )
 

@@ -39,6 +39,7 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
     numbers = closest_two(sliding_modes(rig, theta, [0.0], run.BAND), 0, path(rig, theta, 1)[0]) + 1
     dataset = dataset.assign_coords({"mode": dataset["mode"].copy(data=numbers)} if len(numbers) else {})
     added: dict[str, Any] = {"lock_in_mu": ((), mu, "1", "coefficient of friction at lock-in")}
+    added["node"] = "node", np.arange(1, len(beam) + 1), "1", "number of the node, those of P1 first"
     added["lock_in_frequency"] = (), frequency, "Hz", "frequency at lock-in"
     for k, x in enumerate("xy"):
         added[f"node_{x}"] = "node", position[:, k], "m", f"undeformed position along {x}"

@@ -87,8 +87,10 @@ def glued_modes(rig: Rig, theta: float) -> dict[str, Any]:
     """The natural frequencies of the rig glued at its contact."""
     # Each element has three freedoms, one of P1 is held at A and two are glued.
     frequency = glued_frequencies(rig, theta, min(8, 3 * (rig.p1.elements + rig.p2.elements) - 1))
+    text = "of the rig glued at its contact"
     return {
-        "glued_frequency": ("glued_mode", frequency, "Hz", "natural frequency of the rig glued at its contact")
+        "glued_mode": ("glued_mode", np.arange(1, len(frequency) + 1), "1", f"mode {text}"),
+        "glued_frequency": ("glued_mode", frequency, "Hz", f"natural frequency {text}"),
     }
 
 

@@ -190,7 +190,10 @@ def with_unstable_intervals(dataset: xr.Dataset, rig: Rig, mu: float, V: float =
         values = unstable_intervals(rig, mu * law.ratio(V), V, float(theta.min()), float(theta.max()))
     except ArithmeticError as problem:
         values, comment = _none(), str(problem)
-    dataset = dataset.assign(
+    number = np.arange(1, len(values["from"]) + 1)
+    dataset = dataset.assign_coords(
+        window=("window", number, {"units": "1", "long_name": "number of the unstable interval"})
+    ).assign(
         {
             f"window_{name}": ("window", values[name], {"units": units, "long_name": text})
             for name, (_, units, text) in INTERVALS.items()

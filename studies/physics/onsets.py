@@ -63,14 +63,14 @@ def with_branches(dataset: xr.Dataset, rig: Any) -> xr.Dataset:
     # The branches as they were followed, to their ends, one after the other.
     traces = (*curves.onsets, *curves.recoveries)
     number = np.repeat(np.arange(len(traces), dtype=np.int16), [len(curve.theta) for curve in traces])
+    added["trace"] = "trace", np.arange(1, len(number) + 1), "1", "number of the point of a branch"
     added["trace_branch"] = "trace", number, "1", "number of the branch, from 0; onsets first"
     for name, units in TRACED.items():
         values = np.concatenate([np.empty(0), *(getattr(curve, name) for curve in traces)])
         added[f"trace_{name}"] = "trace", np.float32(values), units, f"{name} along the branches"
     for name, (dims, values, units, text) in added.items():
         dataset[name] = dims, values, {"units": units, "long_name": text}
-    numbers = {dim: dataset[f"{dim}_lowest_frequency"] for dim in BRANCHES if dataset.sizes[dim]}
-    dataset = dataset.assign_coords(numbers)
+    dataset = dataset.assign_coords({dim: dataset[f"{dim}_lowest_frequency"] for dim in BRANCHES})
     if comment:
         dataset["pair_onset_mu"].attrs["comment"] = comment
     return with_flags(dataset, ENDS, *(f"{dim}_{end}" for dim in BRANCHES for end in ("begins", "ends")))
@@ -188,6 +188,7 @@ def crossings(rig: Any, theta: float, mu_max: float) -> dict[str, Any]:
         ("onset", "flutter onset", found.mu, found.frequency),
         ("recovery", "recovery", found.recovery_mu, found.recovery_frequency),
     ):
+        added[kind] = kind, np.arange(1, len(mu) + 1), "1", f"number of the {name}, ascending in mu"
         added[f"{kind}_mu"] = kind, mu, "1", f"coefficient of friction at the {name}"
         added[f"{kind}_frequency"] = kind, frequency, "Hz", f"frequency at the {name}"
     return added

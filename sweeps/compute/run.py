@@ -103,7 +103,8 @@ def _failures(data: xr.Dataset) -> str:
     first = data["error"].isel(failed.argmax(failed.dims))
     point = ", ".join(f"{name} = {each.item()}" for name, each in first.coords.items() if data[name].dims)
     why = " ".join(str(first.item()).split())
-    return f"{count} of {failed.size} points failed, the first at {point}: {why}; data.status marks them"
+    text = f"{count} of {failed.size} points failed, the first at {point}: {why}"
+    return f"{text}; retry_failed=True computes them again"
 
 
 def _adopt(plan: PlanData, store: Store, chosen: Adoption, compute: Callable[..., Table]) -> PlanData:

@@ -126,7 +126,7 @@ def test_the_claims_of_the_paper_stand_beside_its_own_rig_only():
         with xr.open_dataset(KEPT / make_reference.IDENTIFIED / name / f"{name}.nc") as data:
             assert len(claims.beside(data, registry.load(name).claims)) == len(registry.load(name).claims), name
     assert (
-        claims.Claim("onset_mu", {"onset": 0}, paper.ONSETS[0][0], "3.4.2, steps of 0.01")
+        claims.Claim("onset_mu", {"onset": 1}, paper.ONSETS[0][0], "3.4.2, steps of 0.01")
         in registry.load("fig5").claims
     )
 

@@ -147,7 +147,7 @@ def test_the_reference_has_the_rows_that_it_had():
         rows = select(data, "mu == 0.2 and growth_rate > 0 and theta == 5")
         assert [*rows] == ["mu", "mode", "frequency", "growth_rate"]
         assert [round(f) for f in rows["frequency"]] == [398, 2794]
-        assert select(data, show="onset_mu")["onset"].tolist() == [0, 1, 2]
+        assert select(data, show="onset_mu")["onset"].tolist() == [1, 2, 3]
     with xr.open_dataset(HOME / "results/reference/regimes/regimes.nc") as data:
         shares = select(data, by="regime", sort="-count")
         assert shares["count"].sum() == data["status"].size
