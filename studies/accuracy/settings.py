@@ -12,7 +12,6 @@ from studies import paper
 from studies.accuracy.ablation import truncated, with_dashpot, without_cross_terms
 from studies.accuracy.rigs import drawn_scene
 
-PAPER_STEP = published.PAPER_STEP
 METHODS = FAST, PAPER, EXACT = ("fast", "paper", "exact")
 # V, theta, mu and F of the scenes of the paper's rig; the numbers of the drawn ones in their sequence.
 PAPERS = {f"{1e3 * V:g} mm/s": (V, paper.THETA, paper.MU, paper.LOAD) for V in paper.SPEEDS}
@@ -35,60 +34,52 @@ def model_of(method: str, scene: Scene, options: Mapping[str, Any]) -> ReducedMo
     return modified(reduced_model(scene.rig, scene.drive_theta, options.get("cutoff")), options.get("modify"))
 
 
-def _step(scene: Scene, factor: float) -> dict[str, Any]:  # in units of the largest stable one
-    model = model_of(FAST, scene, {})
-    largest = model.largest_step
-    limit = (
-        largest
-        if is_stable_step(model, scene.mu, largest)
-        else fivcore.largest_stable_step(model, scene.mu, largest)
-    )
-    return {"step": factor * limit}
-
-
-def _cutoff(scene: Scene, factor: float, **options: Any) -> dict[str, Any]:
-    return {"cutoff": factor * fivcore.default_cutoff(scene.rig), **options}
-
-
-def _converged(scene: Scene) -> dict[str, Any]:
-    options = _cutoff(scene, 3.0)
-    return options | {"step": 0.5 * model_of(FAST, scene, options).default_step}
-
-
-def _fixed(_: Scene, **options: Any) -> dict[str, Any]:
-    return options
-
-
 class Setting(NamedTuple):
     """One way to run some methods."""
 
     kind: str  # settings of one kind are one curve of the figure
-    options: Callable[[Scene], dict[str, Any]]  # arguments of `simulate` that differ from the defaults
-    scenes: Mapping[str, tuple[str, ...]]  # by method
+    of: Callable[[Scene], dict[str, Any]] = lambda scene: {}  # options of `simulate` that depend on the scene
+    fixed: Mapping[str, Any] = {}  # and those that do not
+    scenes: Mapping[str, tuple[str, ...]] = {FAST: SCENES}  # by method
+
+    def options(self, scene: Scene) -> dict[str, Any]:
+        """Arguments of `simulate` that differ from the defaults."""
+        return {**self.of(scene), **self.fixed}
 
 
-def _fast(kind: str, options: Callable[..., dict[str, Any]], **values: Any) -> Setting:
-    return Setting(kind, partial(options, **values), {FAST: SCENES})
+def _step(factor: float, scene: Scene) -> dict[str, Any]:  # in units of the largest stable one
+    model = model_of(FAST, scene, {})
+    limit = model.largest_step
+    if not is_stable_step(model, scene.mu, limit):
+        limit = fivcore.largest_stable_step(model, scene.mu, limit)
+    return {"step": factor * limit}
+
+
+def _cutoff(factor: float, scene: Scene) -> dict[str, Any]:
+    return {"cutoff": factor * fivcore.default_cutoff(scene.rig)}
+
+
+def _converged(scene: Scene) -> dict[str, Any]:
+    options = _cutoff(3.0, scene)
+    return options | {"step": 0.5 * model_of(FAST, scene, options).default_step}
 
 
 DEFAULT, CONVERGED = "default", "converged"
 PUBLISHED, MODEL = (f"numerical damping {name}" for name in ("published", "none"))
+HALF_STEP = {"numerical_damping": "none", "step": 0.5 * published.PAPER_STEP}
 SETTINGS = {
-    DEFAULT: Setting("default", _fixed, {FAST: SCENES, PAPER: FIVE, EXACT: TWO}),
-    CONVERGED: _fast("converged", _converged),
-    PUBLISHED: Setting("published damping", partial(_fixed, numerical_damping="published"), {FAST: FIVE}),
-    MODEL: Setting(
-        "no numerical damping", partial(_fixed, numerical_damping="none", step=0.5 * PAPER_STEP), {PAPER: TWO}
-    ),
-    **{f"step {x:g}": _fast("step", _step, factor=x) for x in (0.25, 0.5, 0.98)},
-    **{f"cut-off {x:g}": _fast("cut-off", _cutoff, factor=x) for x in (0.4, 0.64, 0.8, 1.4, 2.0)},
-    **{
-        f"damping {x:.3g}": _fast("damping", _fixed, modify=partial(with_dashpot, factor=x))
-        for x in (0.0, 1.0 / 3.0, 3.0)
-    },
-    **{f"truncation {x:g}": _fast("truncation", _cutoff, factor=x, modify=truncated) for x in (1.0, 1.4, 2.0)},
-    "cross terms off": _fast("no cross terms", _fixed, modify=without_cross_terms),
+    DEFAULT: Setting("default", scenes={FAST: SCENES, PAPER: FIVE, EXACT: TWO}),
+    CONVERGED: Setting("converged", _converged),
+    PUBLISHED: Setting("published damping", fixed={"numerical_damping": "published"}, scenes={FAST: FIVE}),
+    MODEL: Setting("no numerical damping", fixed=HALF_STEP, scenes={PAPER: TWO}),
 }
+SETTINGS |= {f"step {x:g}": Setting("step", partial(_step, x)) for x in (0.25, 0.5, 0.98)}
+SETTINGS |= {f"cut-off {x:g}": Setting("cut-off", partial(_cutoff, x)) for x in (0.4, 0.64, 0.8, 1.4, 2.0)}
+for x in (0.0, 1.0 / 3.0, 3.0):
+    SETTINGS[f"damping {x:.3g}"] = Setting("damping", fixed={"modify": partial(with_dashpot, factor=x)})
+for x in (1.0, 1.4, 2.0):
+    SETTINGS[f"truncation {x:g}"] = Setting("truncation", partial(_cutoff, x), {"modify": truncated})
+SETTINGS["cross terms off"] = Setting("no cross terms", fixed={"modify": without_cross_terms})
 # What each method and setting is compared with: the published scheme, or the model as given.
 SCHEME, GIVEN = (PAPER, DEFAULT), (FAST, CONVERGED)
 REFERENCES = {(FAST, PUBLISHED): SCHEME}

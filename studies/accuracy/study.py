@@ -14,14 +14,14 @@ import scipy
 from filelock import FileLock
 from numpy.typing import NDArray
 
-from fivcore import Rig, Scene, checks, loading_time, published, simulate_many
+from fivcore import Rig, Scene, checks, loading_time, published, simulate, simulate_many
 from studies.accuracy.errors import with_errors
 from studies.accuracy.presentation import figure, summary
 from studies.accuracy.settings import EXACT, FAST, GIVEN, METHODS, PAPER, SCENES, SETTINGS, model_of, scene_of
-from studies.declaring.parameters import RUN, Parameter
+from studies.declaring.parameters import RUN
 from studies.motion import ensemble, series
-from studies.motion.run import SETTLING, SUMMARY, summary_of
-from studies.study import Study
+from studies.motion.run import SETTLING, SUMMARY
+from studies.study import Parameter, Study
 from sweeps import Axis
 
 Array = NDArray[Any]
@@ -48,23 +48,21 @@ OUTPUTS = {
 }
 
 
-def compare(
-    method: Array, setting: Array, scene: Array, rig: Rig, members: int, **others: Any
-) -> dict[str, Array]:
+def compare(method: Array, setting: Array, scene: Array, rig: Rig, members: int, **others: Any) -> dict[str, Any]:
     """Run one point at a time, on one thread; NaN where a method has no such setting or is too expensive."""
-    sizes = {"member": members, "rival": RIVALS}
-    shapes = {name: (len(method), *(sizes[dim] for dim in dims)) for name, (_, _, *dims) in OUTPUTS.items()}
-    values = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
-    values["wall_time"] = np.zeros(len(method))
-    for k, (of, name, at) in enumerate(zip(method.tolist(), setting.tolist(), scene.tolist(), strict=True)):
-        if at not in SETTINGS[name].scenes.get(of, ()):
-            continue
-        with TURN:
-            start = time.perf_counter()
-            found = measure(of, name, scene_of(at, rig), members=members, **others)
-            found["wall_time"] = time.perf_counter() - start
-        for output, value in found.items():
-            values[output][k, ...].flat[: np.size(value)] = value
+    sizes, points = {"member": members, "rival": RIVALS}, list(zip(method, setting, scene, strict=True))
+    values = {
+        n: np.full((len(points), *(sizes[dim] for dim in dims)), np.nan) for n, (_, _, *dims) in OUTPUTS.items()
+    }
+    values["wall_time"] = np.zeros(len(points))
+    for k, (of, name, at) in enumerate(points):
+        if at in SETTINGS[name].scenes.get(of, ()):
+            with TURN:
+                start = time.perf_counter()
+                found = measure(str(of), str(name), scene_of(str(at), rig), members=members, **others)
+                found["wall_time"] = time.perf_counter() - start
+            for output, value in found.items():
+                values[output][k, ...].flat[: np.size(value)] = value
     return values
 
 
@@ -84,8 +82,8 @@ def measure(
     cpu = time.thread_time() - start
     if failed := [run for run in runs if isinstance(run, Exception)]:
         raise failed[0]
-    summaries = [summary_of(run) for run in runs]
-    values |= {name: np.array([summary[name] for summary in summaries]) for name in STATISTICS}
+    found = ensemble.summaries(runs)
+    values |= {name: found[name] for name in STATISTICS}
     if (method, setting) == GIVEN:
         values["rival_peaks"] = rival_peaks(scene, duration, {"ramp": ramp, **options})
     observed = duration - values["first_slip_time"] - SETTLING
@@ -95,7 +93,7 @@ def measure(
 def rival_peaks(scene: Scene, duration: float, options: Mapping[str, Any]) -> Array:
     """Frequencies of the strongest spectral peaks of the velocity of B outside long sticks, Hz, at most RIVALS."""
     rate = series.OVERSAMPLING * RATE
-    run: Any = simulate_many([scene], duration, record=True, sample_rate=rate, **options)[0]
+    run = simulate(scene, duration, record=True, sample_rate=rate, **options)
     times = series.even_times(duration, RATE).values
     chosen = series.after_settling(run, times) & ~series.long_sticks(run, times)
     power = series.spectrum(series.velocity(run, times, RATE), chosen, RATE)
@@ -103,13 +101,11 @@ def rival_peaks(scene: Scene, duration: float, options: Mapping[str, Any]) -> Ar
     return np.asarray(series.frequencies(RATE).values[peaks[np.argsort(-power[peaks])][:RIVALS]])
 
 
-def coords(members: int) -> Mapping[str, Axis]:
+def coords(members: int) -> dict[str, Axis]:
     """The runs and the rival peaks, counted from 1."""
-    runs, peaks = (np.arange(1, n + 1) for n in (checks.count("members", members, MOST_MEMBERS), RIVALS))
-    return {
-        "member": Axis(runs, "1", "run, by the ramp of its drive"),
-        "rival": Axis(peaks, "1", "peak by strength"),
-    }
+    runs = np.arange(1, checks.count("members", members, MOST_MEMBERS) + 1)
+    peaks = Axis(np.arange(1, RIVALS + 1), "1", "peak by strength")
+    return {"member": Axis(runs, "1", "run, by the ramp of its drive"), "rival": peaks}
 
 
 def check(scene: Array, duration: Any, members: int, members_expensive: Any, ramp: Any, rig: Rig = RIG) -> None:

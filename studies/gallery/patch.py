@@ -5,22 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from fivcore import (
-    InputError,
-    Rig,
-    Scene,
-    Structure,
-    checks,
-    flutter_onsets,
-    on_foot,
-    reduced_model,
-    steady_forces,
-)
+import fivcore
+from fivcore import InputError, Rig, Scene, Structure, checks, flutter_onsets, on_foot, steady_forces
 from studies.declaring import labels
 from studies.declaring.spec import evenly
 from studies.motion import ensemble, mixed
@@ -28,9 +19,6 @@ from studies.motion.jobs import Job, outcomes
 from studies.motion.stability import largest_growth
 from studies.plotting import figures, planes
 from studies.study import Parameter, Study
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SHARES = ("stick_fraction", "separation_fraction")
 STATISTICS = (*SHARES, "velocity_rms")
@@ -43,16 +31,11 @@ OUTPUTS = {
     "closed": ("1", "number of contacts that are closed in steady sliding"),
     "growth_rate": ("s-1", "growth rate of steady sliding's least stable mode below 10 kHz"),
 } | {name: replace(variable, scale="") for name, variable in ensemble.outputs().items() if name in MOTION}
-OUTPUTS |= {
-    f"{name}_std": (unit, f"standard deviation over realisations of the {name.replace('_', ' ')}")
-    for name, unit in zip(STATISTICS, ("1", "1", "m s-1"), strict=True)
-}
-MOST = 20
-ABOUT = ("onset_mu", "onset_frequency", "closed_at_rest", "closed_at_onset")
+for name, unit in zip(STATISTICS, ("1", "1", "m s-1"), strict=True):
+    OUTPUTS[f"{name}_std"] = unit, f"standard deviation over realisations of the {name.replace('_', ' ')}"
+MOST, ABOUT = 20, ("onset_mu", "onset_frequency", "closed_at_rest", "closed_at_onset")
 COLUMNS = ("nodes", "mu", "finer", "closed", "regime", *STATISTICS)
 COLOURS = (figures.BLACK, figures.ORANGE, figures.RED, figures.BLUE, figures.GREY)
-
-
 foot = lru_cache(maxsize=64)(on_foot)
 
 
@@ -82,11 +65,10 @@ def motions(
     **options: Any,
 ) -> dict[str, Any]:  # fmt: skip
     """Onset of each foot, and the motion on it."""
-    columns = np.broadcast_arrays(V, theta, mu, F, nodes, finer)
 
-    def jobs(V: float, theta: float, mu: float, F: float, nodes: int, finer: float) -> list[Job]:
+    def jobs(V: float, theta: float, mu: float, F: float, nodes: float, finer: float) -> list[Job]:
         own = foot(rig, theta, int(nodes), foot_length)
-        step = reduced_model(own, 0.0, options["cutoff"]).default_step / finer
+        step = fivcore.reduced_model(own, 0.0, options["cutoff"]).default_step / finer
         runs = ensemble.ensemble(Scene(V, 0.0, mu, F, own), members, options)
         return [replace(job, options={**job.options, "step": step}) for job in runs]
 
@@ -98,12 +80,13 @@ def motions(
         scatter = {f"{name}_std": each[name].std(ddof=1) if len(runs) > 1 else np.nan for name in STATISTICS}
         return dict(zip(OUTPUTS, numbers, strict=False)) | {name: motion[name] for name in MOTION} | scatter
 
-    return outcomes([jobs(*point) for point in zip(*(c.ravel().tolist() for c in columns), strict=True)], values)
+    points = np.broadcast(V, theta, mu, F, nodes, finer)
+    return outcomes([jobs(*map(float, point)) for point in points], values)
 
 
 def check(rig: Rig, nodes: Any, finer: Any, foot_length: Any, **others: Any) -> None:
     """Refuse a foot that P2 does not carry, and what cannot be run."""
-    for count in (np.min(nodes), np.max(nodes)):
+    for count in np.ravel(nodes):
         checks.count("nodes", count, MOST)
     checks.between("finer", np.min(finer), 1.0, 1e3, "1")
     most = 2.0 * min(rig.contact_position, rig.p2.length - rig.contact_position)
@@ -119,39 +102,32 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     point, feet = table[table["nodes"] == 1], table[table["nodes"] > 1].dropna()
     if len(point) and len(feet):
         onsets = " or ".join(dict.fromkeys(map(labels.number, feet["onset_mu"])))
-        at_rest, sliding = (
-            " or ".join(f"{n:.0f}" for n in sorted(set(feet[name])))
-            for name in ("closed_at_rest", "closed_at_onset")
-        )
+        rest, sliding = (" or ".join(f"{n:.0f}" for n in sorted(set(feet[name]))) for name in ABOUT[2:])
+        length = labels.number(1e3 * float(dataset["foot_length"]))
         yield (
             f"Steady sliding is unstable from mu = {labels.number(point['onset_mu'].item())} on with a point, from"
-            f" {onsets} on with a patch of {labels.number(1e3 * float(dataset['foot_length']))} mm: two closed"
-            " contacts keep P1's tip from turning, until friction has tilted the foot. Closed are"
-            f" {at_rest} at rest, {sliding} at the onset."
+            f" {onsets} on with a patch of {length} mm: two closed contacts keep P1's tip from turning, until"
+            f" friction has tilted the foot. Closed are {rest} at rest, {sliding} at the onset."
         )
     several = dataset.isel(nodes=dataset["nodes"].values > 2)
     for over, text in (("nodes", "From three nodes on their number"), ("finer", "A finer step")):
         if several.sizes["nodes"] and several.sizes[over] > 1:
-            apart = [float((several[n].max(over) - several[n].min(over)).max()) for n in SHARES]
+            stick, open_ = (float((several[n].max(over) - several[n].min(over)).max()) for n in SHARES)
+            text += f" moves the shares of stick and separation by at most {stick:.3f} and {open_:.3f}"
             scatter = max(float(several[f"{n}_std"].max()) for n in SHARES)
-            yield (
-                f"{text} moves the shares of stick and separation by at most {apart[0]:.3f} and {apart[1]:.3f};"
-                f" between realisations they scatter by up to {scatter:.3f}."
-            )
+            yield f"{text}; between realisations they scatter by up to {scatter:.3f}."
     yield "By number of nodes", table
     yield "Motion", labels.frame(dataset, COLUMNS, along=["nodes", "mu", "finer"])
 
 
-def draw(dataset: xr.Dataset) -> Figure:
+def draw(dataset: xr.Dataset) -> figures.Figure:
     """Onset by number of nodes; statistics along the friction by number of nodes and step."""
     figure, (first, *panels) = figures.panels(2, 2, 17.0, 13.0)
     nodes, mu, onsets = dataset["nodes"].values, dataset["mu"].values, dataset[[*ABOUT]].max(("mu", "finer"))
     colours = [COLOURS[k % len(COLOURS)] for k in range(len(nodes))]
-    first.bar(nodes.astype(str), np.nan_to_num(onsets["onset_mu"]), color=colours, width=0.6)
-    for k, hertz in enumerate(onsets["onset_frequency"].values):
-        place = k, np.nan_to_num(onsets["onset_mu"].values[k])
-        text = f"{hertz:.0f} Hz" if place[1] else "none"
-        first.annotate(text, place, (0, 2), textcoords="offset points", ha="center", fontsize=8.0)
+    bars = first.bar(nodes.astype(str), np.nan_to_num(onsets["onset_mu"]), color=colours, width=0.6)
+    hertz = ["none" if np.isnan(x) else f"{x:.0f} Hz" for x in onsets["onset_frequency"].values]
+    first.bar_label(bars, hertz, padding=2.0, fontsize=8.0)
     first.set(xlabel="nodes", ylabel="onset in μ", ymargin=0.12)
     apart = np.diff(mu).min(initial=np.ptp(mu) or 0.1)
     for axes, name in zip(panels, STATISTICS, strict=True):
@@ -159,47 +135,40 @@ def draw(dataset: xr.Dataset) -> Figure:
         for k, j in np.ndindex(len(nodes), min(dataset.sizes["finer"], 2)):
             at = dataset.isel(nodes=k, finer=j).transpose("mu", ...)
             values, error = (labels.readable(at[each]).values for each in (name, f"{name}_std"))
-            # Side by side, for many are equal.
-            place = mu + apart * (0.15 * (k - 0.5 * (len(nodes) - 1)) + 0.06 * j)
-            look: Any = {
+            named = f"step / {at['finer']:g}" if j else f"{nodes[k]} nodes" if nodes[k] > 1 else "point"
+            look: dict[str, Any] = {
                 "color": colours[k],
-                "marker": "o",
                 "mfc": "white" if j else colours[k],
+                "marker": "o",
                 "linestyle": "none",
             }
+            # Side by side, for many are equal.
+            place = mu + apart * (0.15 * (k - 0.5 * (len(nodes) - 1)) + 0.06 * j)
             axes.errorbar(place, values, np.nan_to_num(error), markersize=4.0, **look)
-            if axes is panels[0] and (j == 0 or k == len(nodes) - 1):
-                named = f"step / {at['finer']:g}" if j else f"{nodes[k]} nodes" if nodes[k] > 1 else "point"
+            if j == 0 or k == len(nodes) - 1:
                 axes.plot([], [], **look, label=named)
         axes.set_ylabel(labels.label(dataset[name]))
     panels[-1].set_yscale("log")
     figures.letter((first, *panels), ("steady sliding", "stick", "separation", "velocity of B"))
     figures.legend_below(figure, panels[:1], 6)
-    where = ", ".join(labels.named(name, dataset[name]) for name in ("foot_length", "V", "theta", "F"))
-    figure.suptitle(figures.fitted(f"Point and patch: {where}", 17.0))
+    title = f"Point and patch: {figures.place(dataset, 'foot_length', 'V', 'theta', 'F')}"
+    figure.suptitle(figures.fitted(title, 17.0))
     return figure
 
 
 STUDY = Study(
-    name="patch",
-    title="A patch of several contacts in place of a point",
-    question="How do the onset and the motion change if P1 stands on a foot that touches P2 in several places?",
-    paper="P1 touches P2 in one point.",
-    parameters={
+    "patch",
+    "A patch of several contacts in place of a point",
+    "How do the onset and the motion change if P1 stands on a foot that touches P2 in several places?",
+    {
         "nodes": Parameter(np.array([1, 2, 3, 5, 10]), "1", "contacts, evenly along the foot; 1: the point"),
         "mu": Parameter(evenly(0.1, 0.5, 5), "1", "coefficient of friction"),
         "finer": Parameter(np.array([1.0, 3.0]), "1", "by how much shorter the step is than the default one"),
         "V": Parameter(2e-3, "m s-1", "speed of the drive"),
         "foot_length": Parameter(15e-3, "m", "length of the foot, the point in its middle", common=True),
-    }
-    | ensemble.members(4)
-    | ensemble.until(0.3, 1.0),
-    outputs=OUTPUTS,
-    function=motions,
-    coords=ensemble.coords,
-    check=check,
-    summary=summarise,
-    figure=draw,
-    chaotic=True,
-    beams=True,
-)
+    } | ensemble.members(4) | ensemble.until(0.3, 1.0),
+    OUTPUTS,
+    motions,
+    paper="P1 touches P2 in one point.",
+    coords=ensemble.coords, check=check, summary=summarise, figure=draw, chaotic=True, beams=True,
+)  # fmt: skip

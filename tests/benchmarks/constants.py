@@ -23,7 +23,7 @@ from fivcore.structure import MOTION_MODES, motion_cutoff
 from fivcore.transient import summary
 from fivcore.transient.normalised import Normalised, loading_time
 from studies.accuracy.rigs import drawn_scene
-from studies.gallery.classics import belted, cycle
+from studies.physics.classical import belted, cycle
 from tests.benchmarks.tables import Column, Table
 from tests.helpers import meshes
 

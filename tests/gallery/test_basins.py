@@ -10,9 +10,9 @@ from fivcore import Friction, Rig, Scene, State, Structure, equilibrium, simulat
 from studies.asking.sweep import sweep_of
 from studies.declaring.parameters import RUN
 from studies.gallery import maps
-from studies.gallery.classics import block_of
 from studies.motion import following, knock, starts
 from studies.motion.jobs import each_scene
+from studies.physics.classical import block_of
 
 OPTIONS = {"duration": None, "step": None, "cutoff": None, "numerical_damping": "none"}
 SCENE = Scene(5e-3, 5.0, 0.1, 9.0)

@@ -10,8 +10,8 @@ from studies import registry
 from studies.answering import summary
 from studies.asking.sweep import sweep_of
 from studies.declaring.parameters import RUN
-from studies.gallery.classics import block_of
 from studies.motion import following, regimes
+from studies.physics.classical import block_of
 from sweeps import InputError
 
 OPTIONS = {name: parameter.default for name, parameter in RUN.items()}

@@ -15,8 +15,8 @@ from scipy.optimize import brentq
 from fivcore import Friction, Scene, State, simulate
 from studies import registry
 from studies.asking.sweep import sweep_of
-from studies.gallery.classics import block_of, slipping
 from studies.motion.run import REGIMES
+from studies.physics.classical import block_of, slipping
 
 XI, LAW = 0.05, Friction(0.5, 0.5)
 BLOCK, BOX = block_of(1.0, XI), np.array([[-2.0, 0.0], [2.0, 2.0]])

@@ -21,7 +21,7 @@ from fivcore import (
     simulate,
 )
 from fivcore.cycles import branch, shooting
-from studies.gallery.classics import belted, cycle
+from studies.physics.classical import belted, cycle
 
 # bSTAB's oscillator (Stender, Hoffmann, Nonlinear Dynamics 107, 2022): sticking ends and the cycles fold at END,
 # and from the unstable one, born at ONSET, on sliding is stable.

@@ -6,7 +6,7 @@ import pytest
 from fivcore import Friction, Scene, State, Structure, simulate
 from fivcore.friction import COULOMB
 from fivcore.transient.statistics import SLIP
-from studies.gallery.classics import belted, block_of, cycle
+from studies.physics.classical import belted, block_of, cycle
 
 RATIONAL, JUMP = Friction(0.0, 1.0 / 3.0, "rational"), Friction(0.5, 0.0)
 

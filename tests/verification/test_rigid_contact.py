@@ -12,7 +12,7 @@ import pytest
 
 from fivcore import Friction, Rig, Scene, State, Structure, simulate
 from fivcore.friction import COULOMB
-from studies.gallery.classics import block_of
+from studies.physics.classical import block_of
 
 SHARES = ("stick_fraction", "slip_fraction", "separation_fraction")
 PIN = Structure.from_modes(
