@@ -12,7 +12,9 @@ import numpy as np
 
 from fivcore import Structure, checks
 from studies.asking import call
+from studies.asking.own import compute, of_structure
 from studies.asking.points import Points, points_of
+from studies.declaring.own import varied
 from studies.declaring.parameters import FRICTION, RIG, SCENE, suggest
 from studies.motion import scenes, series
 from studies.study import Study
@@ -55,7 +57,7 @@ def sweep_of(
     InputError
         For a parameter or a series that does not exist, or a value out of range.
     """
-    study, contacts = _of_contacts(study, structure)
+    study, contacts = _of_contacts(of_structure(study, structure), structure)
     points = points_of(study, values or {}, rows or {}, (samples, seed), structure)
     dims = {"followed": points.followed or "followed"}
     outputs = {n: replace(v, dims=tuple(dims.get(d, d) for d in v.dims)) for n, v in study.outputs.items()}
@@ -77,9 +79,12 @@ def _declared(study: Study, points: Points, outputs: Mapping[str, Variable], coo
         for name, parameter in study.parameters.items()
         if name in fixed and name not in points.inner
     }
+    function: Any = partial(call.compute, _call(study, points, outputs, coords))
+    if own := tuple(name for name in study.own if name in fixed or name in axes):
+        function = partial(compute, function, own)
     return Sweep(
         study.name,
-        partial(call.compute, _call(study, points, outputs, coords)),
+        function,
         points.grid,
         outputs,
         fixed,
@@ -111,9 +116,11 @@ def _of_contacts(study: Study, structure: Mapping[str, Any] | None) -> tuple[Stu
 
 def _call(study: Study, points: Points, outputs: Mapping[str, Variable], coords: Mapping[str, Axis]) -> call.Call:
     parameters, times = study.parameters, coords["elapsed"].values if "elapsed" in coords else None
-    common = tuple(n for n in points.grid.axes if n in parameters and parameters[n].common)
+    varying = [n for n in points.grid.axes if n in parameters and n not in study.own]
+    common = tuple(n for n in varying if parameters[n].common)
     shapes = {name: tuple(len(coords[dim]) for dim in each.dims) for name, each in outputs.items()}
-    return call.Call(study.function, common, study.normalised, tuple(parameters), shapes, times, points.followed)
+    names = tuple(name for name in parameters if name not in study.own)
+    return call.Call(study.function, common, study.normalised, names, shapes, times, points.followed)
 
 
 def _copies(study: Study, points: Points) -> dict[str, Any]:
@@ -220,6 +227,8 @@ def _rows(grid: Grid) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def _build(study: Study, numbers: Mapping[str, Any]) -> None:
+    if own := {name: numbers[name] for name in study.own if name in numbers}:
+        numbers = {**numbers, "structure": varied(numbers["structure"], own)}
     if study.moves or study.normalised:
         scenes.scene_of(numbers)
     elif "rig" in study.takes:

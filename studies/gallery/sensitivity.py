@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from fivcore import Rig, checks
+from fivcore import Rig, Structure, checks
 from studies import paper
 from studies.answering.claims import rig_text
 from studies.declaring import labels
@@ -49,6 +49,14 @@ def sensitivities(rig: Rig, theta: Any, parameter: Any, pairs_theta: float, mu_m
         for output, value in zip(OUTPUTS, values, strict=True):
             results[output][row, places >= 0] = value[places[places >= 0]]
     return results
+
+
+def of_structure(own: Structure) -> dict[str, Parameter]:
+    """The parameters of a structure: frequency and damping of each mode, and the direction of its contact."""
+    kinds = ("frequency", "damping") if own.damping.any() else ("frequency",)
+    names = [f"{kind}_{k}" for kind in kinds for k, hertz in enumerate(own.frequency, 1) if hertz]
+    text = "parameter that is changed, the others kept; a direction by radians"
+    return {"parameter": Parameter([*names, "direction"], "1", text)}
 
 
 def check(pairs_theta: float, mu_max: float) -> None:
@@ -147,5 +155,5 @@ STUDY = Study(
     },
     outputs=OUTPUTS, function=sensitivities,
     coords={"pair": Axis(np.arange(1, PAIRS + 1), "1", "pair, ascending in onset_mu at pairs_theta")},
-    check=check, summary=summarise, figure=draw, beams=True,
+    check=check, summary=summarise, figure=draw, for_structure=of_structure,
 )  # fmt: skip
