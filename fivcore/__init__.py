@@ -31,6 +31,7 @@ from fivcore.scenes import equilibrium, loading_time, model_exponents, speed_per
 from fivcore.stability.assembled import AssembledModes, assembled_modes, assembled_onsets
 from fivcore.stability.exponents import sliding_shape
 from fivcore.stability.falling import SlidingOnsets, sliding_onsets
+from fivcore.stability.following import followed_modes
 from fivcore.stability.intervals import OnsetCurve, OnsetCurves, UnstableWindows, onset_curves, unstable_windows
 from fivcore.stability.many import FlutterOnsets, ManyFlutterOnsets, flutter_onsets, flutter_onsets_many
 from fivcore.stability.sensitivity import OnsetSensitivity, onset_sensitivity
@@ -58,7 +59,7 @@ __all__ = [
     "OutOfBandWarning", "ReducedModel", "Rig", "Scene", "SceneError", "SceneValueError", "SlidingModes",
     "SlidingOnsets", "State", "Structure", "Transient", "UnsolvedError", "UnstableWindows", "Until",
     "assembled_modes", "assembled_onsets", "checked_run", "checks", "default_cutoff", "equilibrium", "exact",
-    "fixed_contact", "flutter_onsets", "flutter_onsets_many", "follow_cycle", "full_model",
+    "fixed_contact", "flutter_onsets", "flutter_onsets_many", "follow_cycle", "followed_modes", "full_model",
     "glued_frequencies", "growing_frequencies", "is_stable_step", "largest_stable_step", "limit_cycle",
     "loading_time", "located", "lyapunov_exponent", "modal_structure", "model_exponents", "modified",
     "motion_cutoff", "node_positions", "node_shapes", "observe", "on_foot", "one_contact", "onset_curves",

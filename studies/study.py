@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -95,6 +96,10 @@ class Study:
         The motion is chaotic: another processor changes digits, and only statistics can be compared.
     beams : bool
         It is about the paper's two beams: structures of one's own are refused.
+    for_structure : callable, optional
+        Takes a `fivcore.Structure`; returns parameters that depend on it.
+    own : tuple of str
+        With a structure: those of its numbers that are parameters (`studies.asking.own`).
     by_contact : mapping
         Outputs on the dimension `contact`, which a structure with several contacts has besides.
     like : str
@@ -125,6 +130,8 @@ class Study:
     normalised: bool = field(default=False, kw_only=True)
     chaotic: bool = field(default=False, kw_only=True)
     beams: bool = field(default=False, kw_only=True)
+    for_structure: Callable[[Any], Mapping[str, Parameter]] | None = field(default=None, kw_only=True)
+    own: tuple[str, ...] = field(default=(), kw_only=True)
     by_contact: Mapping[str, Variable] = field(default_factory=dict, kw_only=True)
     like: str = field(default="", kw_only=True)
     thresholds: Mapping[str, float] = field(default_factory=dict, kw_only=True)
@@ -155,6 +162,11 @@ class Study:
         return not self.takes.isdisjoint({"scenes", "chains"})
 
     @property
+    def takes_structure(self) -> bool:
+        """Whether a structure of one's own can take the place of the beams."""
+        return not self.beams and (self.moves or "rig" in self.takes)
+
+    @property
     def dims(self) -> tuple[str, ...]:
         """Dimensions of the points of a run without requests."""
         return tuple(name for name, parameter in self.parameters.items() if parameter.is_axis)
@@ -165,15 +177,18 @@ class Study:
             known = self.known(structure)
             falls = "; friction falls with the speed by kinetic_ratio and decay_speed (studies/README.md)"
             friction = falls if {"mu", "friction"} & {*name.split("_")} else ""
+            # Of what each mode of a structure has, the first mode's names are enough.
+            told = [each for each in known if each not in self.own or not re.search(r"_(?!1$)\d+$", each)]
             raise InputError(
                 f"{name}: study {self.name} has no such parameter; {suggest(name, known)}"
-                f"it has {', '.join(known)}{friction}"
+                f"it has {', '.join(told)}{friction}"
             )
         return self.parameters[name]
 
     def known(self, structure: Any = None) -> list[str]:
         """Names of the parameters; with a structure without the numbers of the beams and their inclination."""
-        return [name for name in self.parameters if structure is None or name not in (*RIG, "theta")]
+        beams = {*RIG, "theta"}.difference(self.own) if structure is not None else ()
+        return [name for name in self.parameters if name not in beams]
 
     def describe(self) -> str:
         """The paper's statement and the parameters, as lines."""

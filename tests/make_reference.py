@@ -40,7 +40,8 @@ def entry(study: Study, folder: Path) -> dict[str, Any]:
     with open_results(folder / study.name / f"{study.name}.nc") as dataset:
         times = dataset["wall_time"].values.ravel()
     seconds = float(np.nansum(times if index is None else times[np.unique(index[index >= 0])]))
-    return {"title": study.title, "question": study.question, "points": plan.points, "seconds": round(seconds, 3)}
+    found = {"title": study.title, "question": study.question, "points": plan.points, "seconds": round(seconds, 3)}
+    return found | {"structure": study.takes_structure}
 
 
 def main() -> None:

@@ -14,6 +14,7 @@ import numpy as np
 
 import sweeps
 from fivcore import Rig, Structure
+from studies.declaring.own import parameters, varied
 from studies.declaring.parameters import RIG
 from sweeps import InputError, MissingFileError
 
@@ -205,10 +206,19 @@ def structure_in(dataset: xr.Dataset) -> dict[str, Any]:
     return structure
 
 
+def own_numbers(dataset: xr.Dataset) -> list[str]:
+    """Names of the numbers of its structure that a result has as coordinates."""
+    structure = structure_in(dataset)
+    return [n for n in parameters(Structure.from_dict(structure)) if n in dataset.coords] if structure else []
+
+
 def rig_of(dataset: xr.Dataset) -> Any:
     """The rig or structure of a result; an `InputError` names a number which varies or is not in the file."""
     if structure := structure_in(dataset):
-        return Structure.from_dict(structure)
+        numbers = {name: dataset[name] for name in own_numbers(dataset)}
+        for name in (name for name, value in numbers.items() if value.ndim):
+            raise InputError(f"{name}: it varies, so the result has no single structure")
+        return varied(Structure.from_dict(structure), {name: value.item() for name, value in numbers.items()})
     for name in RIG:
         if name not in dataset.coords or dataset[name].ndim:
             what = "varies" if name in dataset.coords else "is not in the file"

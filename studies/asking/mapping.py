@@ -12,6 +12,7 @@ import numpy as np
 
 from fivcore import Structure, checks
 from studies.answering.results import MAPS
+from studies.asking.own import of_structure
 from studies.asking.request import Request, assignment
 from studies.declaring import spec
 from studies.declaring.parameters import suggest
@@ -36,6 +37,7 @@ def request_of(
 
     Its other options are those of a `Request`.
     """
+    study = of_structure(study, how.get("structure"))
     sides = dict(assignment(side, "x or y") for side in (x, y) if side)
     fixed = dict(fix or {}) | {name: n for name, n in (("samples", samples), ("seed", seed)) if n is not None}
     for option, name in [*zip(("x", "y"), sides, strict=False), *(("fix", name) for name in fixed)]:
@@ -70,6 +72,7 @@ def mapped(study: Study, request: Request, sweep: Sweep) -> Sweep:
 
 def name_of(study: Study, request: Request, values: Mapping[str, Any]) -> str:
     """The name of a map's file: what is mapped over what, and what else is not as usual."""
+    study = of_structure(study, request.structure)
     default = {name: p.default for name, p in study.parameters.items() if name not in request.sides}
     numbers = {name: np.ravel(values.get(name, value))[0] for name, value in default.items()}
     # What a named rig has is said by its folder.

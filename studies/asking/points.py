@@ -118,18 +118,19 @@ def _without_beams(study: Study, requested: Mapping[str, Any], own: Structure) -
 
     A default range of mu lies around its first onset as the study's does around that of the paper's rig.
     """
-    if study.beams or not (study.moves or "rig" in study.takes):
+    if not study.takes_structure:
         raise InputError(
-            f"rig: study {study.name} needs the paper's beams, which a structure has not; studies/README.md names "
-            "those that take one (Own structures)"
+            f"rig: study {study.name} needs the paper's beams, which a structure has not; fiv list marks "
+            "those that take one"
         )
     for name, value in requested.items():
         text = f"{name} = {getattr(value, 'text', None) or checks.short(value)}"
-        if name in RIG:
+        if name in RIG and name not in study.own:
             raise InputError(f"{text}: a structure has no such number; leave it out, or change its file")
         if name == "theta" and (hasattr(value, "ppf") or np.any(value)):
             raise InputError(f"{text}: the modes of a structure have their inclination already; leave it out")
-    left = {name: parameter for name, parameter in study.parameters.items() if name not in RIG}
+    without = {*RIG, *study.own}.difference(requested)
+    left = {name: parameter for name, parameter in study.parameters.items() if name not in without}
     if theta := left.get("theta"):
         left["theta"] = replace(theta, default=np.zeros(1) if theta.is_axis else 0.0)
     mu = left.get("mu")

@@ -16,6 +16,7 @@ import numpy as np
 import sweeps
 from fivcore import Structure
 from studies.answering.results import configuration, expanded, open_dataset, settings, structure_in
+from studies.asking.own import of_structure
 from studies.declaring import spec
 from studies.declaring.parameters import USUAL, check_keys
 from studies.declaring.units import convert
@@ -85,6 +86,7 @@ class Request:
 
     def values_of(self, study: Study) -> dict[str, Any]:
         """The values of the study's parameters: numbers, arrays, words or distributions."""
+        study = of_structure(study, self.structure)
         how = {name: getattr(self, name) for name in DRAWS if name in study.parameters}
         values = {**self.values, **{name: value for name, value in how.items() if value is not None}}
         counts = {name: len(p.default) for name, p in study.parameters.items() if p.is_axis}
@@ -103,7 +105,7 @@ class Request:
 
     def points_of(self, study: Study) -> dict[str, Any]:
         """Arguments of `asking.sweep.sweep_of` besides the values."""
-        table = None if self.points is None else rows(study, self.points)
+        table = None if self.points is None else rows(of_structure(study, self.structure), self.points)
         rate = self.sample_rate
         rate = spec.one(rate, "sample_rate", "Hz") if isinstance(rate, str) else rate
         how: dict[str, Any] = {"record": self.record, "sample_rate": rate, "rows": table}

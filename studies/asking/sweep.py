@@ -12,7 +12,9 @@ import numpy as np
 
 from fivcore import Structure, checks
 from studies.asking import call
+from studies.asking.own import compute, of_structure
 from studies.asking.points import Points, points_of
+from studies.declaring.own import varied
 from studies.declaring.parameters import FRICTION, RIG, SCENE, suggest
 from studies.motion import scenes, series
 from studies.study import Study
@@ -55,7 +57,7 @@ def sweep_of(
     InputError
         For a parameter or a series that does not exist, or a value out of range.
     """
-    study, contacts = _of_contacts(study, structure)
+    study, contacts = _of_contacts(of_structure(study, structure), structure)
     points = points_of(study, values or {}, rows or {}, (samples, seed), structure)
     dims = {"followed": points.followed or "followed"}
     outputs = {n: replace(v, dims=tuple(dims.get(d, d) for d in v.dims)) for n, v in study.outputs.items()}
@@ -77,11 +79,11 @@ def _declared(study: Study, points: Points, outputs: Mapping[str, Variable], coo
         for name, parameter in study.parameters.items()
         if name in fixed and name not in points.inner
     }
-    own = {name: {name: outputs[name]} for name in study.functions}
-    shared = {name: each for name, each in outputs.items() if name not in own}
+    alone = {name: {name: outputs[name]} for name in study.functions}
+    shared = {name: each for name, each in outputs.items() if name not in alone}
     return Sweep(
         study.name,
-        partial(call.compute, _call(study, study.function, points, shared, coords)),
+        _function(study, study.function, points, shared, coords),
         points.grid,
         outputs,
         fixed,
@@ -92,7 +94,7 @@ def _declared(study: Study, points: Points, outputs: Mapping[str, Variable], coo
         order_by=tuple(n for n in axes if n not in ("V", "mu", "F", *FRICTION)) if product else (),
         request={"fixed": about},
         functions={
-            name: partial(call.compute, _call(study, function, points, own[name], coords))
+            name: _function(study, function, points, alone[name], coords)
             for name, function in study.functions.items()
         },
         **_copies(study, points),
@@ -115,17 +117,22 @@ def _of_contacts(study: Study, structure: Mapping[str, Any] | None) -> tuple[Stu
     return replace(study, normalised=study.normalised and not gaps, outputs=outputs), axis
 
 
-def _call(
+def _function(
     study: Study,
     function: Callable[..., Any],
     points: Points,
     outputs: Mapping[str, Variable],
     coords: Mapping[str, Axis],
-) -> call.Call:
+) -> Callable[..., Any]:
+    """The function of a batch that calls one of the study, with the structure varied where its numbers are given."""
     parameters, times = study.parameters, coords["elapsed"].values if "elapsed" in coords else None
-    common = tuple(n for n in points.grid.axes if n in parameters and parameters[n].common)
+    varying = [n for n in points.grid.axes if n in parameters and n not in study.own]
+    common = tuple(n for n in varying if parameters[n].common)
     shapes = {name: tuple(len(coords[dim]) for dim in each.dims) for name, each in outputs.items()}
-    return call.Call(function, common, study.normalised, tuple(parameters), shapes, times, points.followed)
+    names = tuple(name for name in parameters if name not in study.own)
+    called = call.Call(function, common, study.normalised, names, shapes, times, points.followed)
+    own = tuple(name for name in study.own if name in points.fixed or name in points.grid.axes)
+    return partial(compute, partial(call.compute, called), own) if own else partial(call.compute, called)
 
 
 def _copies(study: Study, points: Points) -> dict[str, Any]:
@@ -232,6 +239,8 @@ def _rows(grid: Grid) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def _build(study: Study, numbers: Mapping[str, Any]) -> None:
+    if own := {name: numbers[name] for name in study.own if name in numbers}:
+        numbers = {**numbers, "structure": varied(numbers["structure"], own)}
     if study.moves or study.normalised:
         scenes.scene_of(numbers)
     elif "rig" in study.takes:

@@ -48,10 +48,16 @@ def list_studies(study: str | None, out: str | None) -> None:
         if study or not entry:
             one, points = _study(name, out)
             name, description = one.name, f"\n\n{one.describe()}" if study else ""
-            entry = dict[str, Any](title=one.title, question=one.question, points=points) | entry
+            entry = {
+                "title": one.title,
+                "question": one.question,
+                "points": points,
+                "structure": one.takes_structure,
+            } | entry
         lasts = f", {about(entry['seconds'])}" if "seconds" in entry else ""
         question = [("", entry["question"])] * (entry["question"] != entry["title"])
-        details = [*question, ("", f"{entry['points']} points{lasts}")]
+        takes = "; takes an own structure (--rig)" if entry.get("structure") else ""
+        details = [*question, ("", f"{entry['points']} points{lasts}{takes}")]
         rows += [(name, entry["title"]), *([] if FLAGS["quiet"] else details)]
     show(columns(rows) + description)
 

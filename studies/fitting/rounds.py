@@ -15,8 +15,9 @@ from scipy.special import ndtr
 from fivcore import SceneError
 from studies.answering.results import FITS
 from studies.asking.sweep import sweep_of
+from studies.declaring.own import varied
 from studies.fitting import sampling
-from studies.fitting.problem import Model, Problem, Source, varied
+from studies.fitting.problem import Model, Problem, Source
 from sweeps import Axis, Grid, InputError, Sweep, Variable
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore import Rig, Structure, sliding_modes
+from fivcore import Rig, Structure, followed_modes, sliding_modes
 from studies import paper
 from studies.answering.claims import is_papers_point, rig_text
 from studies.answering.results import rig_of, with_variables
@@ -36,12 +36,14 @@ CLAIMS = tuple(
 def coords(rig: Rig | Structure) -> dict[str, Axis]:
     """The numbers of the modes."""
     count = sliding_modes(rig, 0.0, 0.0, BAND).frequency.size
-    return {"mode": Axis(np.arange(1, ROOM * (count // ROOM + 2) + 1), "1", "mode, ascending in frequency")}
+    return {
+        "mode": Axis(np.arange(1, ROOM * (count // ROOM + 2) + 1), "1", "mode, by its frequency without friction")
+    }
 
 
 def modes(rig: Rig, theta: float, mu: np.ndarray) -> dict[str, np.ndarray]:
-    """Frequency and growth rate of all modes of steady sliding below 10 kHz."""
-    modes = sliding_modes(rig, theta, mu, BAND)
+    """Frequency and growth rate of all modes of steady sliding below 10 kHz, which keep their numbers along mu."""
+    modes = followed_modes(rig, theta, mu, BAND)
     return {"frequency": modes.frequency, "growth_rate": modes.growth_rate}
 
 

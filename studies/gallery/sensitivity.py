@@ -9,9 +9,10 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from fivcore import Rig, checks
+from fivcore import Rig, Structure, checks
 from studies import paper
 from studies.answering.claims import rig_text
+from studies.answering.results import structure_in
 from studies.declaring import labels
 from studies.declaring.parameters import RIG, Parameter
 from studies.declaring.spec import evenly
@@ -23,6 +24,8 @@ from sweeps import Axis, Variable
 
 # Parameters that the summary names; largest sensitivity of one that hardly matters; looks over theta.
 MATTER, SLIGHT = 3, 0.1
+# Bars of a pair; a structure may have many modes.
+MOST_BARS = 24
 COLOURS, MARKERS = (figures.BLUE, figures.RED, figures.GREEN, figures.ORANGE, figures.GREY), "os^Dv"
 # Onsets have derivatives by all that stability depends on but mu.
 NAMES = tuple(name for name in UNCERTAIN if name != "mu")
@@ -51,6 +54,14 @@ def sensitivities(rig: Rig, theta: Any, parameter: Any, pairs_theta: float, mu_m
     return results
 
 
+def of_structure(own: Structure) -> dict[str, Parameter]:
+    """The parameters of a structure: frequency and damping of each mode, and the direction of its contact."""
+    kinds = ("frequency", "damping") if own.damping.any() else ("frequency",)
+    names = [f"{kind}_{k}" for kind in kinds for k, hertz in enumerate(own.frequency, 1) if hertz]
+    text = "parameter that is changed, the others kept; a direction by radians"
+    return {"parameter": Parameter([*names, "direction"], "1", text)}
+
+
 def check(pairs_theta: float, mu_max: float) -> None:
     """Refuse an inclination without pairs."""
     checks.between("pairs_theta", pairs_theta, 1e-6, 89.999, "degrees")
@@ -74,21 +85,22 @@ def text_of(name: str) -> str:
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """Parameters that matter most and those that hardly matter; sensitivities and changes of each pair."""
     at = ranked(dataset)
-    size, where = abs(at["elasticity_mu"]), f"at {labels.named('theta', at['theta'])}"
+    where = "" if structure_in(dataset) else f" at {labels.named('theta', at['theta'])}"
+    size = abs(at["elasticity_mu"])
     at = at.isel(pair=np.flatnonzero(size.notnull().any("parameter")))
     if not at.sizes["pair"]:
-        yield f"No onset has derivatives {where}."
+        yield f"No onset has derivatives{where}."
         return
     names, most = [text_of(name) for name in at["parameter"].values], size.max("pair").fillna(0.0).values
     ranges = zip(names, size.min("pair").values, most, strict=True)
     matter = ", ".join([f"{name} ({low:.3g} to {high:.3g})" for name, low, high in ranges][:MATTER])
     slight = ", ".join(name for name, high in zip(names, most, strict=True) if high < SLIGHT) or "no parameter"
-    yield f"Sensitivities of the onsets' mu {where} are largest by {matter}; below {SLIGHT:g} by {slight}."
+    yield f"Sensitivities of the onsets' mu{where} are largest by {matter}; below {SLIGHT:g} by {slight}."
     for pair in at["pair"].values:
         one = at.sel(pair=pair)
         columns = {"mu": one["elasticity_mu"], "mu, solved again": 100.0 * one["change_mu"] / one["onset_mu"]}
         table = pd.DataFrame({"parameter": names} | columns | {"frequency": one["elasticity_frequency"]}).round(4)
-        yield f"{one['text'].item()} {where}: change in % for 1 % more of", table
+        yield f"{one['text'].item()}{where}: change in % for 1 % more of", table
 
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
@@ -97,9 +109,20 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     strongest = [name for name in at["parameter"].values.tolist() if name != "theta"]
     looks = dict(zip(strongest, zip(COLOURS, MARKERS, strict=True), strict=False))
     looks |= {name: (figures.BLACK, ".") for name in at["parameter"].values if name == "theta"}
+    at = at.isel(parameter=slice(MOST_BARS))
     count = int(dataset["elasticity_mu"].notnull().any(["theta", "parameter"]).sum())
     pairs, height = dataset["pair"].values[: max(count, 1)], 1.8 + max(0.36 * at.sizes["parameter"], 3.2)
-    figure, panels = figures.panels(len(pairs), 2, 17.5, 3.0 + len(pairs) * height, sharex="col")
+    # A structure has one inclination.
+    alone = bool(structure_in(dataset))
+    size = (12.5, 1.5 + len(pairs) * height) if alone else (17.5, 3.0 + len(pairs) * height)
+    figure, panels = figures.panels(len(pairs), 2 - alone, *size, sharex="col")
+    if alone:
+        for pair, bars in zip(pairs, panels, strict=True):
+            _draw_bars(bars, at.sel(pair=pair), looks)
+        panels[-1].set_xlabel("normalised sensitivity of the onset's μ")
+        figures.legend_below(figure, panels, 1)
+        figure.suptitle(f"Sensitivity of flutter onsets{rig_text(dataset)}")
+        return figure
     for pair, bars, over in zip(pairs, panels[::2], panels[1::2], strict=True):
         _draw_bars(bars, at.sel(pair=pair), looks)
         over.axvline(float(at["theta"]), color=figures.GREY, linewidth=0.8, linestyle=":")
@@ -147,5 +170,5 @@ STUDY = Study(
     },
     outputs=OUTPUTS, function=sensitivities,
     coords={"pair": Axis(np.arange(1, PAIRS + 1), "1", "pair, ascending in onset_mu at pairs_theta")},
-    check=check, summary=summarise, figure=draw, beams=True,
+    check=check, summary=summarise, figure=draw, for_structure=of_structure,
 )  # fmt: skip

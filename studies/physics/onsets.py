@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -12,6 +14,7 @@ import xarray as xr
 import fivcore
 from fivcore import OnsetCurves, OnsetSensitivity, Rig, SlidingModes, flutter_onsets, onset_curves, sliding_modes
 from studies import paper
+from studies.declaring.own import parameters, varied
 from studies.declaring.parameters import rig_numbers
 from studies.motion.run import BAND
 from studies.motion.scenes import rig_of
@@ -93,8 +96,14 @@ def branches(dim: str, curves: Any, mu: np.ndarray, frequency: np.ndarray) -> di
 
 
 @lru_cache(maxsize=8)
-def pairs_at(rig: Rig, theta: float, start: float, mu_max: float) -> tuple[OnsetSensitivity, np.ndarray]:
-    """All onsets at `theta`, and the place of each pair among them, which `start` numbers; -1 for none."""
+def pairs_at(rig: Any, theta: float, start: float, mu_max: float) -> tuple[OnsetSensitivity, np.ndarray]:
+    """All onsets at `theta`, and the place of each pair among them, which `start` numbers; -1 for none.
+
+    Pairs of a structure are its first onsets.
+    """
+    if not isinstance(rig, Rig):
+        onsets = fivcore.onset_sensitivity(rig, theta, BAND, mu_max)
+        return onsets, np.where(np.arange(PAIRS) < len(onsets.mu), np.arange(PAIRS), -1)
     angles = np.unique([start, theta])
     branches = onset_curves(rig, angles, BAND, mu_max).mu
     first, last = branches[np.searchsorted(angles, [start, theta])]
@@ -106,7 +115,7 @@ def pairs_at(rig: Rig, theta: float, start: float, mu_max: float) -> tuple[Onset
     return onsets, places
 
 
-def changed(rig: Rig, theta: float, name: str, onsets: OnsetSensitivity, mu_max: float) -> tuple[Any, Any]:
+def changed(rig: Any, theta: float, name: str, onsets: OnsetSensitivity, mu_max: float) -> tuple[Any, Any]:
     """Friction and frequency of the onsets when a parameter is 1 % larger.
 
     NaN where no onset is within SAME of the frequency that the derivative predicts, or where no such rig exists.
@@ -122,8 +131,15 @@ def changed(rig: Rig, theta: float, name: str, onsets: OnsetSensitivity, mu_max:
     return mu, frequency
 
 
-def larger(rig: Rig, theta: float, name: str) -> tuple[Rig, float]:
-    """The rig and the inclination with one parameter 1 % larger."""
+def larger(rig: Any, theta: float, name: str) -> tuple[Any, float]:
+    """The rig and the inclination with one parameter 1 % larger; a direction turned by as much of a radian."""
+    if not isinstance(rig, Rig):
+        if name == "direction":
+            n, t, c, s = rig.normal, rig.tangential, np.cos(STEP), np.sin(STEP)
+            return replace(rig, normal=c * n - s * t, tangential=s * n + c * t), theta
+        # Whatever its law of damping, the others are kept.
+        kept = {n: p.default for n, p in parameters(rig).items() if re.fullmatch(r"(frequency|damping)_\d+", n)}
+        return varied(rig, kept | {name: kept[name] * (1.0 + STEP)}), theta
     numbers = rig_numbers(rig) | {"theta": theta}
     numbers[name] *= 1.0 + STEP
     return rig_of(numbers), numbers["theta"]

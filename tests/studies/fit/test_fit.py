@@ -12,6 +12,7 @@ import studies
 from fivcore import Rig, Structure, flutter_onsets, glued_frequencies
 from studies import paper, registry, runner
 from studies.answering import results
+from studies.declaring.own import varied
 from studies.fitting import presentation, problem, rounds
 from sweeps import InputError
 from tests.docs import readmes
@@ -168,19 +169,19 @@ def test_numbers_of_a_structure_change_what_they_say():
     own = Structure.from_modes(
         [500.0, 800.0, 1700.0], [0.4, 0.1, 0.4], [-0.9, -0.7, -0.4], load=[-0.4, -0.1, 0.0], d2=1e-7
     )
-    same = problem.varied(own, {"mass_scale": 1.0, "frequency_2": 800.0, "d1": 0.0})
+    same = varied(own, {"mass_scale": 1.0, "frequency_2": 800.0, "d1": 0.0})
     np.testing.assert_allclose(same.stiffness, own.stiffness, rtol=1e-14)
-    heavy = problem.varied(own, {"mass_scale": 4.0, "stiffness_scale": 4.0})
+    heavy = varied(own, {"mass_scale": 4.0, "stiffness_scale": 4.0})
     np.testing.assert_allclose(heavy.frequency, own.frequency)
     np.testing.assert_allclose(heavy.receptances(600.0, 0.2)[0], own.receptances(600.0, 0.2)[0] / 4.0)
-    swapped = problem.varied(own, {"frequency_1": 900.0, "damping_ratio": 0.01})
+    swapped = varied(own, {"frequency_1": 900.0, "damping_ratio": 0.01})
     np.testing.assert_allclose(swapped.frequency, [800.0, 900.0, 1700.0])
     np.testing.assert_allclose(swapped.normal, [0.1, 0.4, 0.4])
     np.testing.assert_allclose(swapped.damping, 0.04 * np.pi * swapped.frequency)
     ratios = Structure.from_modes(own.frequency, own.normal, own.tangential, load=own.load, damping_ratio=0.02)
-    np.testing.assert_allclose(problem.varied(ratios, {"stiffness_scale": 4.0}).damping, 2.0 * ratios.damping)
+    np.testing.assert_allclose(varied(ratios, {"stiffness_scale": 4.0}).damping, 2.0 * ratios.damping)
     # What a knock moves keeps its modes.
-    moved = problem.varied(replace(own, struck=own.normal), {"frequency_1": 900.0, "mass_scale": 4.0})
+    moved = varied(replace(own, struck=own.normal), {"frequency_1": 900.0, "mass_scale": 4.0})
     np.testing.assert_allclose(moved.struck, moved.normal)
 
 
