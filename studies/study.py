@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies.declaring.parameters import FRICTION, RIG, SCENE, Parameter, suggest
+from studies.declaring.parameters import FRICTION, KNOWN, RIG, SCENE, Parameter, suggest
 from sweeps import Axis, InputError, Variable
 
 if TYPE_CHECKING:
@@ -162,10 +162,10 @@ class Study:
             known = self.known(structure)
             falls = "; friction falls with the speed by kinetic_ratio and decay_speed (studies/README.md)"
             friction = falls if {"mu", "friction"} & {*name.split("_")} else ""
-            raise InputError(
-                f"{name}: study {self.name} has no such parameter; {suggest(name, known)}"
-                f"it has {', '.join(known)}{friction}"
-            )
+            what = f"has no such parameter; {suggest(name, known)}"
+            if name in KNOWN and name not in self.parameters:
+                what = f"does not depend on the {KNOWN[name].text.partition(':')[0]}; leave it out; "
+            raise InputError(f"{name}: study {self.name} {what}it has {', '.join(known)}{friction}")
         return self.parameters[name]
 
     def known(self, structure: Any = None) -> list[str]:
