@@ -131,8 +131,8 @@ def of_quantities(names: Sequence[str]) -> Study:
         if name not in known:
             main = ", ".join(each for each in known if not each.endswith(("_se", "_std")))
             raise InputError(f"quantity {name}: there is none; {suggest(name, known)}choose from {main}")
-    first, *others = dict.fromkeys(known[name] for name in names)
-    if others:
-        what = " and ".join([first, *others])
-        raise InputError(f"quantity {','.join(names)}: {what} need different computations; draw two maps")
-    return maps()[first]
+    chosen = {known[name]: name for name in reversed(names)}
+    if len(chosen) > 1:
+        what = " and ".join(reversed(chosen.values()))
+        raise InputError(f"quantity {','.join(names)}: {what} need different computations; draw a map of each")
+    return maps()[known[names[0]]]

@@ -32,7 +32,7 @@ from studies.asking import mapping, rigs
 from studies.asking.request import Request
 from studies.asking.sweep import sweep_of
 from studies.declaring.parameters import unusual, warn_unusual
-from studies.declaring.spec import typed
+from studies.declaring.spec import joined
 from sweeps import InputError, check_backend
 
 if TYPE_CHECKING:
@@ -144,8 +144,8 @@ def rerun(study: str, values: Mapping[str, Any], point: Mapping[str, Any], rig: 
     options = []
     for name, value in chosen.items():
         if name not in ("sample", "row"):
-            numbers = ["auto" if each is None else typed(each) for each in np.ravel(value).tolist()]
-            options += ["--set", f"{name}={','.join(numbers)}"]
+            numbers = ["auto" if each is None else each for each in np.ravel(value).tolist()]
+            options += ["--set", f"{name}={joined(numbers)}"]
     options += ["--rig", str(rig)] if rig else []
     return shlex.join(["fiv", "run", study, *options, "--scheduler", "sync", "--out", "again", "--fresh"])
 

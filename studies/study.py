@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies.declaring.parameters import FRICTION, RIG, SCENE, Parameter, suggest
+from studies.declaring.parameters import FRICTION, KNOWN, RIG, SCENE, Parameter, suggest
 from sweeps import Axis, InputError, Variable
 
 if TYPE_CHECKING:
@@ -179,10 +179,10 @@ class Study:
             friction = falls if {"mu", "friction"} & {*name.split("_")} else ""
             # Of what each mode of a structure has, the first mode's names are enough.
             told = [each for each in known if each not in self.own or not re.search(r"_(?!1$)\d+$", each)]
-            raise InputError(
-                f"{name}: study {self.name} has no such parameter; {suggest(name, known)}"
-                f"it has {', '.join(told)}{friction}"
-            )
+            what = f"has no such parameter; {suggest(name, known)}"
+            if name in KNOWN and name not in self.parameters:
+                what = f"does not depend on the {KNOWN[name].text.partition(':')[0]}; leave it out; "
+            raise InputError(f"{name}: study {self.name} {what}it has {', '.join(told)}{friction}")
         return self.parameters[name]
 
     def known(self, structure: Any = None) -> list[str]:

@@ -13,7 +13,7 @@ import numpy as np
 from fivcore import Structure, checks
 from studies.answering.results import MAPS
 from studies.asking.own import of_structure
-from studies.asking.request import Request, assignment
+from studies.asking.request import Request, assignment, is_distribution
 from studies.declaring import spec
 from studies.declaring.parameters import suggest
 from studies.study import Study
@@ -40,12 +40,13 @@ def request_of(
     study = of_structure(study, how.get("structure"))
     sides = dict(assignment(side, "x or y") for side in (x, y) if side)
     fixed = dict(fix or {}) | {name: n for name, n in (("samples", samples), ("seed", seed)) if n is not None}
-    for option, name in [*zip(("x", "y"), sides, strict=False), *(("fix", name) for name in fixed)]:
+    given = [("scatter" if is_distribution(value) else "fix", name) for name, value in fixed.items()]
+    for option, name in [*zip(("x", "y"), sides, strict=False), *given]:
         if name not in study.parameters:
             known = study.known(how.get("structure"))
             near = f"{suggest(name, known)}choose from {', '.join(known)}"
             raise InputError(f"{option} {name}: {quantities[0]} does not depend on it; {near}")
-        if (y and len(sides) < 2) or (option == "fix" and name in sides):
+        if (y and len(sides) < 2) or (name in fixed and name in sides):
             raise InputError(f"{option} {name}: it varies already; give it once")
     request = Request(study.name, fixed | sides, sides=tuple(sides), quantities=tuple(quantities), **how)
     values = request.values_of(study)

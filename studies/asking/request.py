@@ -18,7 +18,7 @@ from fivcore import Structure
 from studies.answering.results import configuration, expanded, open_dataset, settings, structure_in
 from studies.asking.own import of_structure
 from studies.declaring import spec
-from studies.declaring.parameters import USUAL, check_keys
+from studies.declaring.parameters import KNOWN, USUAL, check_keys
 from studies.declaring.units import convert
 from sweeps import InputError
 
@@ -157,7 +157,15 @@ def _read(study: Study, name: str, value: Any) -> Any:
     if is_distribution(value) or re.match(r"\s*(?!log:)[a-z]\w*:", value):
         from studies.motion.uncertainty import parse
 
+        if re.search(r"\d,\d", value):
+            raise InputError(f"{name} = {value!r}: a point is the decimal sign; write {value.replace(',', '.')}")
         return parse(value, name, parameter.units)
+    if not parameter.is_whole:
+        kind = name.removeprefix("p1_").removeprefix("p2_")
+        largest = USUAL[kind][1] if kind in USUAL and name in KNOWN else np.inf
+        known = KNOWN.get(name, parameter).default
+        usual = 0.0 if known is None else float(np.max(np.abs(known)))
+        spec.check_commas(value, name, parameter.units, usual, largest)
     values = spec.parse(value, name, parameter.units)
     if name == "V" and study.moves and not np.all(values):
         raise InputError("V = 0: the drive must move; usual are {:g} to {:g} m/s".format(*USUAL["V"]))
@@ -169,6 +177,8 @@ def assignment(text: str, option: str = "--set") -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not equals or not name.strip():
         raise InputError(f"{option} {text!r}: it must be NAME=VALUE, for example mu=0:0.5:101")
+    if several := re.split(r",\s*(?=[A-Za-z_]\w*\s*=)", text)[1:]:
+        raise InputError(f"{option} {text!r}: give each parameter its own option: {option} {several[0]}")
     return name.strip(), value.strip()
 
 

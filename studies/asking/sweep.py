@@ -124,7 +124,7 @@ def _function(
     outputs: Mapping[str, Variable],
     coords: Mapping[str, Axis],
 ) -> Callable[..., Any]:
-    """The function of a batch that calls one of the study, with the structure varied where its numbers are given."""
+    """The function of a batch that calls one of the study, with the requested numbers of a structure."""
     parameters, times = study.parameters, coords["elapsed"].values if "elapsed" in coords else None
     varying = [n for n in points.grid.axes if n in parameters and n not in study.own]
     common = tuple(n for n in varying if parameters[n].common)

@@ -214,7 +214,7 @@ class MapCommand(click.Command):
 
 
 @command("map", "Quantities over two parameters, or along one, stored and drawn.", *MAP, *HOW, kind=MapCommand)
-def draw_map(quantity: str, fail_fast: bool, yes: bool, share: str | None, **options: Any) -> None:
+def draw_map(quantities: tuple[str, ...], fail_fast: bool, yes: bool, share: str | None, **options: Any) -> None:
     """Map quantities over any two parameters, or along one; store all that is computed, and draw them.
 
     \b
@@ -229,10 +229,10 @@ def draw_map(quantity: str, fail_fast: bool, yes: bool, share: str | None, **opt
 
     announce_compiling()
     assigned = {"--fix": options.pop("fixed"), "--scatter": options.pop("scatter")}
-    fix, lines = _values(options.pop("standard_error"), assigned), list[str]()
+    names, fix, lines = ",".join(quantities), _values(options.pop("standard_error"), assigned), list[str]()
     how = options.pop("scheduler"), options.pop("workers")
     with warned(lines.append):
-        one, planned = runner.plan_map(quantities=quantity, fix=fix, command=typed(*SHOWING), **options)
+        one, planned = runner.plan_map(quantities=names, fix=fix, command=typed(*SHOWING), **options)
     execute(one, _shared(planned, share), how, fail_fast, yes, lines)
 
 

@@ -78,7 +78,7 @@ def with_axes(study: Study, planned: Plan, text: str) -> str:
             continue
         unit, factor = labels.READABLE.get(axis.units, (axis.units, 1.0))
         values = [f"{factor * value:.6g}" for value in sorted(axis.values.tolist())]  # draws are in no order
-        ends = " to ".join(dict.fromkeys([values[0], values[-1]]))
+        ends = (" and " if len(values) == 2 else " to ").join(dict.fromkeys([values[0], values[-1]]))
         lines.append(f"  {name:<13} {f'{ends} {unit}'.rstrip()}, {len(values)} value{'s'[: len(values) - 1]}")
     head, grid, rest = re.split(r"(?m)^(grid .*\n)", text, maxsplit=1)
     return head + grid + "".join(f"{line}\n" for line in lines) + rest

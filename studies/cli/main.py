@@ -28,7 +28,7 @@ except KeyboardInterrupt:
 CODES = {"InputError": 2, "UnsolvedError": 2, "StoreError": 3, "ClusterLostError": 3, "SweepStoppedError": 1}
 INTERNAL = 70
 # Arguments with which a message begins, and that are options here.
-OPTIONS = r"(x|y|fix|quantity|channel|unit|rate)(?= [\w,]+:)|"
+OPTIONS = r"(x|y|fix|scatter|quantity|channel|unit|rate)(?= [\w,]+:)|"
 OPTIONS += r"(points|samples|seed|workers|tolerance|channel|unit|rate|rig)(?: =)"
 
 

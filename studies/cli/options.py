@@ -93,12 +93,13 @@ HOW = (
     option("--yes", is_flag=True, help="Never ask."),
 )
 HALVED = "Halve the intervals of the SPECs N times where the quantity changes, and interpolate elsewhere."
+DRAWN = "What is drawn; see the list below."
 MAP = (
     option("--x", required=True, metavar="NAME=SPEC", help="Axis across: theta=-10:20:61 or V=log:2e-4:1e-2:30."),
     option("--y", metavar="NAME=SPEC", help="Axis up; without it the map is a curve over x."),
     option("--fix", "fixed", multiple=True, metavar="NAME=VALUE", help="Another parameter: theta=8."),
     RIG,
-    option("--quantity", required=True, metavar="NAME,...", help="What is drawn; see the list below."),
+    option("--quantity", "quantities", multiple=True, required=True, metavar="NAME,...", help=DRAWN),
     option("--refine", type=click.IntRange(0, 12), default=0, metavar="N", help=HALVED),
     option("--tolerance", type=float, metavar="T", help="Largest error of interpolation, of the range: 0.02."),
     *DRAWS,

@@ -30,6 +30,8 @@ EXACT = Context(prec=40)  # so many digits that no step of a range changes the 1
 def parse(spec: str, name: str, units: str = "") -> NDArray[Any]:
     """The values of SPEC in `units`; an `InputError` names the parameter, SPEC, the reason, and the forms."""
     try:
+        if ";" in spec:
+            raise InputError("commas separate values, and a point is the decimal sign: 0.5,0.6")
         plain = converted(spec, units, name)
         if ":" in plain:
             return _range(plain.removeprefix("log:").split(":"), logarithmic=plain.startswith("log:"))
@@ -39,11 +41,43 @@ def parse(spec: str, name: str, units: str = "") -> NDArray[Any]:
         raise InputError(f"{name} = {spec!r}: {problem}{forms}") from None
 
 
+def check_commas(spec: str, name: str, units: str, usual: float, largest: float = np.inf) -> None:
+    """Refuse a list that seems to be numbers with decimal commas, 0,25 or 60,5mm, and offer both ways to write it.
+
+    So are two whole numbers without a space if the second begins with 0, is not the larger one, or is above the
+    `largest` plausible value; and 0,5 where 0.5 is closer to the `usual` value than 5. A longer list is if its
+    numbers do not ascend and its pairs do.
+    """
+    match = re.fullmatch(r"(-?\d+(?:,\d+)+)([A-Za-zµμΩ°%].*)?", spec.strip(), re.ASCII)
+    parts = match[1].split(",") if match else []
+    if not match or len(parts) % 2:
+        return
+    numbers, unit = [float(part) for part in parts], match[2] or ""
+    pairs = [f"{whole}.{tenths}" for whole, tenths in zip(parts[::2], parts[1::2], strict=True)]
+    ascend, factor = np.all(np.diff(numbers) > 0), convert(1.0, unit, units, name) if unit else 1.0
+    led = parts[0] == "-0" or any(len(part) > 1 and part[0] == "0" for part in parts[1::2])
+    if len(parts) == 2:
+        low, high = (abs(factor * each) for each in (float(pairs[0]), numbers[1]))
+        closer = numbers[0] == 0.0 < min(low, usual) and abs(np.log(low / usual)) < np.log(high / usual)
+        seems = not ascend or closer or low <= largest < high
+    else:
+        seems = not ascend and bool(np.all(np.diff([float(pair) for pair in pairs]) > 0))
+    if led or seems:
+        values = [f"{number:g}" for number in np.unique(numbers)]
+        listed = f"; or, for {len(values)} values, '{name}={', '.join(values)}{unit}' with a space"
+        raise InputError(
+            f"{name} = {spec!r}: a comma separates values, a point is the decimal sign; write"
+            f" {name}={','.join(pairs)}{unit}{listed * (len(values) > 1)}"
+        )
+
+
 def one(spec: str, name: str, units: str = "") -> float:
     """The single value of SPEC."""
     values = parse(spec, name, units)
     if len(values) > 1:
-        raise InputError(f"{name} = {spec!r}: it must be one value")
+        decimal = spec.replace(",", ".") if re.fullmatch(r"[-+]?\d+,\d+\D*", spec.strip()) else ""
+        hint = f"; a point is the decimal sign: {decimal}" if decimal else ""
+        raise InputError(f"{name} = {spec!r}: it must be one value{hint}")
     return float(values[0])
 
 
@@ -158,10 +192,18 @@ def typed(value: float | str) -> str:
     return str(value) if isinstance(value, (str, int)) else repr(float(value)).removesuffix(".0")
 
 
+def joined(values: Iterable[float | str]) -> str:
+    """Values as a list that reads back, and that nobody takes for a decimal comma."""
+    texts = [typed(value) for value in values]
+    return (", " if all(text.isdigit() for text in texts) else ",").join(texts)
+
+
 def finite(text: str) -> float:
     """A finite number as one types it, or an `InputError`."""
     if not (re.fullmatch(NUMBER, text, re.ASCII) and np.isfinite(float(text))):
-        raise InputError(f"{text!r} must be a finite number")
+        decimal = text.strip().replace(",", ".")
+        hint = f"; a point is the decimal sign: {decimal}" if re.fullmatch(NUMBER, decimal, re.ASCII) else ""
+        raise InputError(f"{text!r} must be a finite number{hint}")
     return float(text)
 
 

@@ -35,6 +35,11 @@ _OPERATORS: dict[type, Callable[..., Any]] = {
 _ALLOWED = (ast.Compare, ast.BoolOp, ast.UnaryOp, ast.BinOp, ast.Name, ast.Constant, ast.Load, *_OPERATORS)
 _ALLOWED += (ast.Tuple, ast.List, ast.In, ast.NotIn)
 _HINTS = {ast.BitAnd: "write and", ast.BitOr: "write or", ast.Call: "nothing can be called"}
+# Signs of other languages, and what stands for them.
+_FOREIGN = (
+    *(("&&", r"&&", "and"), ("||", r"\|\|", "or"), ("!", r"!(?!=)", "not")),
+    *(("=>", r"=>", ">="), ("=<", r"=<", "<="), ("<>", r"<>", "!=")),
+)
 _QUANTITY = re.compile(
     r"\b(\w+)\s*([=!<>]=|[<>])\s*(-?\d+\.?\d*(?:[eE]-?\d+)?)\s*(?!(?:and|or|in|not)\b)([A-Za-zµμ°%][\w/*^-]*)"
 )
@@ -53,6 +58,9 @@ def parse(text: str, argument: str, units: Mapping[Any, str]) -> ast.expr:
                 value = f"{convert(float(number), unit, units[name], name):g}"
                 advice = f"{name} is in {units[name].replace(' s-1', '/s')}: write {name} {sign} {value}"
                 raise InputError(f"{start}: units cannot stand in a condition; {advice}") from None
+        for sign, pattern, word in _FOREIGN:
+            if re.search(pattern, text):
+                raise InputError(f"{start}: write {word} in place of {sign}") from None
         alone = re.search(r"[^=!<>]=(?!=)", text)
         why = "to compare is ==" if alone else getattr(problem, "msg", "it cannot be read")
         why = "units cannot stand in a condition" if _QUANTITY.search(text) else why

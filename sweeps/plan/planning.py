@@ -111,6 +111,8 @@ class PlanData:
         chosen = f"to {count} points ({100.0 * count / self.points:.3g} %)"
         chosen += " so far; their results may request more" * (self.todo > 0)
         others = mixed([*self.environments, environment(self.task.libraries)])
+        copies = f" computations for {count} points: equal points are computed once"
+        stored = " of these are stored already" + (f", {self.failed} of them failed" if self.failed else "")
         covers, extends = [name for name in self.covers if not name.startswith("sweeps.")], self.extends
         how = "stored points are computed again, and must come out the same"
         if self.alone:
@@ -120,11 +122,11 @@ class PlanData:
             "sweep": self.sweep.name,
             "grid": " x ".join(f"{dim} {n}" for dim, n in zip(grid.dims, grid.shape, strict=True)),
             "points": f"{self.points}",
-            "skipped": f"{self.skipped}",
+            "skipped": f"{self.skipped}" + " points, left out of the grid" * (self.skipped > 0),
             "refined": self.sweep.refinement and chosen,
             "share": self.shared and "{} of {}".format(*self.shared),
-            "distinct": f"{self.distinct}",
-            "cached": f"{self.cached}" + (f", {self.failed} of them failed" if self.failed else ""),
+            "distinct": f"{self.distinct}" + (copies if self.distinct < count else ""),
+            "cached": f"{self.cached}" + stored * (self.cached > 0),
             "to do": f"{self.todo}",
             "file size": size(self.bytes),
             "estimated time": f"{time} on one core" if self.seconds > 0 else time,

@@ -101,8 +101,8 @@ def test_names_of_files_are_short_and_portable(tmp_path):
     def name(**how):
         return runner.plan_map("theta=0,1", out=tmp_path, **how)[1].store.name
 
-    assert name(y="mu=0,1", refine=1) == "growth_rate-theta-mu.nc"
-    assert name(y="mu=0,1", fix={"head_mass": 3.0, "p1_length": 0.05}) == "growth-theta-mu-head_mass3.nc"
+    assert name(y="mu=0, 1", refine=1) == "growth_rate-theta-mu.nc"
+    assert name(y="mu=0, 1", fix={"head_mass": 3.0, "p1_length": 0.05}) == "growth-theta-mu-head_mass3.nc"
     assert name(quantities="regime", fix={"mu": 0.11, "members": 4}) == "motion-theta-members4-mu0.11.nc"
     many = dict.fromkeys(("p1_length", "p1_width", "p2_thickness", "contact_position"), 0.0123)
     assert len(name(fix=many)) < 60
@@ -114,7 +114,7 @@ DRAWN = {
     "no value": ({"x": "theta=-10:-5:3", "y": "contact_position=0.05,0.08", "quantities": "onset_mu"}, set()),
     "regime": ({"x": "V=log:5e-4:2e-2:3", "y": "mu=0.1,0.3", "quantities": "regime", "fix": SHORT}, {"irregular"}),
     "curve": ({"x": "F=2,10", "quantities": "regime,velocity_rms", "fix": SHORT | {"theta": 8.0}}, set()),
-    "failed": ({"x": "theta=0,40", "y": "mu=1,5", "quantities": "stick_fraction", "fix": SHORT}, {"failed"}),
+    "failed": ({"x": "theta=0,40", "y": "mu=1, 5", "quantities": "stick_fraction", "fix": SHORT}, {"failed"}),
 }
 
 
