@@ -9,6 +9,7 @@ from functools import cache
 from importlib.metadata import packages_distributions, version
 
 import pytest
+import yaml
 
 import fivcore
 from studies import registry
@@ -230,6 +231,36 @@ def test_ci_runs_the_readmes_test_command_and_kernels_on_a_generic_processor():
     lines = [line for line in script.splitlines() if "pytest" in line]
     folders = "tests/fivcore tests/verification tests/gallery"
     assert lines == [f'NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES="" .venv/bin/python -m pytest {folders}']
+
+
+def test_the_public_ci_takes_the_same_steps_on_three_systems():
+    workflow = yaml.safe_load((HOME / ".github" / "workflows" / "ci.yml").read_text())
+    lint, tests = ([s["run"] for s in workflow["jobs"][n]["steps"] if "run" in s] for n in ("lint", "tests"))
+    script = (HOME / ".ci" / "run").read_text()
+    tools = [
+        line.replace('"', "").split("/bin/")[1] for line in script.splitlines() if line.startswith('"$tools/bin/')
+    ]
+    assert lint == ['python -m pip install -e ".[lint]"', *tools[1:]]
+    assert {system.split("-")[0] for system in workflow["jobs"]["tests"]["strategy"]["matrix"]["os"]} == {
+        "ubuntu", "macos", "windows",
+    }  # fmt: skip
+    (command,) = (text.strip() for text in readmes.blocks("sh", "README.md") if "--clear" in text)
+    *steps, kernels = (step.replace("${{ matrix.bin }}", ".venv/bin") for step in tests)
+    assert " && ".join(steps) == command.replace("python3", "python")
+    assert kernels in script
+
+
+def test_commits_are_checked_by_the_tools_of_lint_alone():
+    (hooks,) = yaml.safe_load((HOME / ".pre-commit-config.yaml").read_text())["repos"]
+    assert hooks["repo"] == "local"
+    entries = [hook["entry"].replace(" --force-exclude", "") for hook in hooks["hooks"]]
+    assert entries == ["ruff check", "ruff format", "mypy"]
+
+
+def test_packages_say_that_they_are_typed():
+    patterns = tomllib.loads((HOME / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]
+    assert "py.typed" in patterns["*"]
+    assert all((HOME / package / "py.typed").is_file() for package in ("fivcore", "sweeps", "studies"))
 
 
 def anchors(text: str) -> set[str]:
