@@ -40,20 +40,16 @@ def list_studies(study: str | None, out: str | None) -> None:
     if not study and not FLAGS["quiet"] and (own := _grouped(out)):
         from studies.answering.results import reference_folder, results_folder
 
-        shown = "; query, plot and report show their reference" if reference_folder(out).is_dir() else ""
-        heads = f"Your results in {results_folder(out)}:", f"Studies{shown}:"
+        note = "; query, plot and report show their reference" if reference_folder(out).is_dir() else ""
+        heads = f"Your results in {results_folder(out)}:", f"Studies{note}:"
         show(f"{heads[0]}\n{own}\n\n{heads[1]}")
     for name in [study] if study else known:
         entry = known.get(name, {})
         if study or not entry:
             one, points = _study(name, out)
             name, description = one.name, f"\n\n{one.describe()}" if study else ""
-            entry = {
-                "title": one.title,
-                "question": one.question,
-                "points": points,
-                "structure": one.takes_structure,
-            } | entry
+            shown: dict[str, Any] = {"title": one.title, "question": one.question, "points": points}
+            entry = shown | {"structure": one.takes_structure} | entry
         lasts = f", {about(entry['seconds'])}" if "seconds" in entry else ""
         question = [("", entry["question"])] * (entry["question"] != entry["title"])
         takes = "; takes an own structure (--rig)" if entry.get("structure") else ""
