@@ -419,7 +419,9 @@ class Structure(ContactModel, ReadOnlyArrays):
     def displacement(self, modal: Any) -> Any:
         """Displacement of the nodes, (..., k, 3), for coordinates of the computed modes, (..., m)."""
         if self.shapes is None:
-            raise InputError("structure: it keeps no eigenvectors; give node_positions (in a file: positions)")
+            raise InputError(
+                "structure: it keeps no eigenvectors; give node_positions (positions in a file of matrices)"
+            )
         return np.einsum("kdm,...m->...kd", self.shapes, np.asarray(modal))
 
     def with_stiffness_damping(self, added: float) -> Structure:

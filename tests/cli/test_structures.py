@@ -10,10 +10,11 @@ import xarray as xr
 from scipy import io, sparse
 
 import studies
-from fivcore import Scene, Structure, simulate
+from fivcore import Scene, Structure, simulate, sliding_modes
 from studies.asking.request import structure_of
 from studies.cli.structure import hints
 from tests.docs import readmes
+from tests.helpers.plate import plate
 
 PIN = next(block for block in readmes.blocks("toml", "studies/README.md") if block.startswith("# pin.toml"))
 OWN = Path(__file__).with_name("pin_angle.py")
@@ -115,6 +116,88 @@ def test_what_was_read_is_shown(here, pin, tmp_path):
     assert f"{pin.preload:.6g}" in done.stdout
     assert re.search(r"\n0.275\d* +94\d", done.stdout)
     assert "hint" not in done.stdout
+
+
+PLATE = """
+mass = "M.mtx"
+stiffness = "K.mtx"
+nodes = "rows.txt"
+positions = "nodes.csv"
+normal = "node 62, y"
+tangential = "node 62, x"
+load = { "node 64, y" = -1.0 }
+damping_ratio = 0.002
+fmax = 40e3
+"""
+
+
+@pytest.fixture
+def own_plate(tmp_path):
+    """A plate, clamped at node 12 and 14, whose nodes are columns of three: 22 to 24, 32 to 34, ..."""
+    M, K = plate(5, 2, 0.05, 0.02)
+    labels = [10 * column + row for column in range(1, 7) for row in (2, 3, 4)]
+    for name, matrix in (("M.mtx", M), ("K.mtx", K)):
+        io.mmwrite(tmp_path / name, matrix, symmetry="symmetric", precision=17)
+    (tmp_path / "rows.txt").write_text("".join(f"{node} UX\n{node} UY\n" for node in labels[3:]))
+    places = [f"{node}, {(node // 10 - 1) * 0.01:g}, {(node % 10 - 2) * 0.01:g}, 0" for node in labels[::-1]]
+    (tmp_path / "nodes.csv").write_text("\n".join(places))
+    (tmp_path / "plate.toml").write_text(PLATE)
+    return Structure.read(tmp_path / "plate.toml")
+
+
+def test_modes_are_written_back_and_move(here, own_plate, tmp_path):
+    """Also at nodes without rows, which are clamped; what is written is read again."""
+    pytest.importorskip("pyuff")
+    done = here("structure", "plate.toml", "--fmax", "40kHz", "--at", "0.3", "--modes", "own.uff", "--vtu")
+    frames = "plate-frames"
+    assert (done.returncode, done.stderr) == (
+        0, "\nwritten: results/structure/plate.png, own.uff, results/structure/plate.pvd\n"
+    )  # fmt: skip
+    assert len([*(tmp_path / "results" / "structure" / frames).glob("*.vtu")]) == 48
+    assert here("structure", "plate.toml", "--fmax", "40kHz", "--at", "0.3", "--modes", "own.npz").returncode == 0
+    arrays = np.load(tmp_path / "own.npz")
+    modes = sliding_modes(own_plate, 0.0, 0.3, 40e3)
+    assert arrays["sliding_frequency"] == pytest.approx(modes.frequency)
+    assert arrays["sliding_shapes"] == pytest.approx(own_plate.displacement(modes.shape))
+    clamped = arrays["positions"][:, 0] == 0.0
+    assert (clamped.sum(), np.abs(arrays["shapes"][clamped]).max()) == (3, 0.0)
+    assert arrays["nodes"].tolist()[:2] == [64, 63]
+    # The tip moves as the contact does.
+    assert arrays["shapes"][2, :2] == pytest.approx(
+        np.stack([own_plate.tangential, own_plate.normal])[:, : len(own_plate.frequency)]
+    )
+    rows = [line for line in PLATE.splitlines() if line.split(" ")[0] in ("normal", "tangential", "load")]
+    files = ["modes = 'own.uff'", "positions = 'own.uff'"]
+    (tmp_path / "again.toml").write_text("\n".join([*files, *rows]))
+    again = Structure.read(tmp_path / "again.toml")
+    assert again.frequency == pytest.approx(own_plate.frequency, rel=1e-5)
+    assert again.shapes == pytest.approx(own_plate.shapes, abs=1e-5 * np.abs(own_plate.shapes).max())
+    assert again.nodes == pytest.approx(own_plate.nodes)
+    assert again.numbers.tolist() == own_plate.numbers.tolist()
+
+
+@pytest.mark.parametrize(
+    ("file", "words", "message"),
+    [
+        ("pin.toml", ["--animate"], "it keeps no eigenvectors; give node_positions"),
+        ("pin.toml", ["--modes", "pin.uff"], "it keeps no eigenvectors; give node_positions"),
+        ("pin.toml", ["--modes", "pin.txt"], "pin.txt: it must end in .npz, .uff, .unv"),
+        ("plate.toml", ["--vtu", "--at", "0", "--fmax", "100"], "mu = 0: no mode below 100 Hz oscillates"),
+        ("three.toml", [], "positions = 'three.csv': its lines must be node, x, y, z"),
+        ("other.toml", [], "positions: no row is of its nodes, such as 7"),
+        ("unnamed.toml", [], "positions: they need nodes or dofs_per_node"),
+    ],
+)
+def test_what_cannot_move_is_one_line(here, pin, own_plate, tmp_path, file, words, message):
+    (tmp_path / "three.csv").write_text("7, 1\n")
+    (tmp_path / "other.csv").write_text("7, 1, 2, 3\n")
+    for name in ("three", "other"):
+        (tmp_path / f"{name}.toml").write_text(PLATE.replace("nodes.csv", f"{name}.csv"))
+    unnamed = re.sub('"node .*?"', "0", PLATE.replace('nodes = "rows.txt"', ""))
+    (tmp_path / "unnamed.toml").write_text(unnamed.replace("{ 0 =", '{ "0" ='))
+    done = here("structure", file, *words)
+    assert (done.returncode, message in done.stderr, done.stderr.count("\n")) == (2, True, 1), done.stderr
+    assert not [*tmp_path.glob("pin.uff")]
 
 
 @pytest.mark.parametrize(

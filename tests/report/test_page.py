@@ -487,7 +487,7 @@ def test_it_moves_where_it_is_seen_and_less_motion_is_not_wanted(driver, tmp_pat
     light = picture(mode)
     media(prefers_color_scheme="dark", prefers_reduced_motion="no-preference")
     WebDriverWait(driver, 20.0, 0.1).until(lambda _: picture(mode) != light)
-    # Less motion: it waits for the button, also where this is wanted later.
+    # Where less motion is wanted it waits for its button, and stops if that is wanted later.
     media(prefers_reduced_motion="reduce")
     mode, *_ = open_page()
     button = mode.find_element("css selector", "button")
@@ -495,6 +495,7 @@ def test_it_moves_where_it_is_seen_and_less_motion_is_not_wanted(driver, tmp_pat
     button.click()
     WebDriverWait(driver, 20.0, 0.1).until(lambda _: moves(mode))
     media(prefers_reduced_motion="no-preference")
+    assert moves(mode)
     media(prefers_reduced_motion="reduce")
     WebDriverWait(driver, 20.0, 0.1).until(lambda _: button.text == "Play")
     assert not moves(mode)
