@@ -88,7 +88,7 @@ def named(name: str, out: str | Path | None = None) -> NamedRig:
         near = f"did you mean {name}.toml? " if Path(f"{name}.toml").is_file() else ""
         near = near or suggest(name, [*names(out), PAPER])
         make = shlex.join(["fiv", "rig", name, "--set", "p1_length=60mm", *_out(out)])
-        raise MissingFileError(f"rig = {name!r}: {folder.parent} has no such rig; {near}make it with: {make}")
+        raise MissingFileError(f"rig {name!r}: {folder.parent} has no such rig; {near}make it with: {make}")
     return replace(of_file(folder / results.RIG_FILE), name=name, folder=folder)
 
 
@@ -117,7 +117,7 @@ def place(rig: str | None, out: str | Path | None = None) -> str | Path | None:
     if not is_name(rig):
         name = re.sub(r"[^\w-]", "_", Path(rig).stem) or "mine"
         keep = shlex.join(["fiv", "rig", name, rig, *_out(out)])
-        raise InputError(f"rig = {rig!r}: results are kept by the name of a rig; give it one with: {keep}")
+        raise InputError(f"rig {rig!r}: results are kept by the name of a rig; give it one with: {keep}")
     return named(rig, out).folder
 
 
@@ -147,11 +147,11 @@ def define(
         For a wrong name or number, and where a rig that has results would change. Nothing is written then.
     """
     if name == PAPER:
-        raise InputError(f"rig = {PAPER!r}: it is the paper's rig; choose another name")
+        raise InputError(f"rig {PAPER!r}: it is the paper's rig; choose another name")
     _check_name(name)
     if name in taken or name in TAKEN:
         what = "a study" if name in taken else "a folder of the results"
-        raise InputError(f"rig = {name!r}: {what} has this name; choose another, such as my_{name}")
+        raise InputError(f"rig {name!r}: {what} has this name; choose another, such as my_{name}")
     root = results.results_folder(out)
     folder = root / name
     if results.is_own(root) or results.is_own(root.parent):
@@ -160,7 +160,7 @@ def define(
         raise InputError(f"{root}: it is the folder of the rig {inside!r}; choose another folder (out=...)")
     before = named(name, out) if (folder / results.RIG_FILE).is_file() else None
     if before is None and results.stored(folder.parent) and any(folder.glob("*.nc*")):
-        raise InputError(f"rig = {name!r}: {folder} has the results of a study; choose another name")
+        raise InputError(f"rig {name!r}: {folder} has the results of a study; choose another name")
     start = _source(source, out) if source is not None else before or NamedRig(name, folder)
     rig = NamedRig(name, folder, {**start.values, **(values or {})}, start.structure)
     _check(rig, {*(values or {})} if source is None else {*rig.values})
@@ -172,7 +172,7 @@ def define(
             again += [word for key, value in (values or {}).items() for word in ("--set", f"{key}={value}")]
             kept = ", ".join(before.results)
             raise InputError(
-                f"rig = {name!r}: it has results ({kept}), so it stays as it is; another rig: "
+                f"rig {name!r}: it has results ({kept}), so it stays as it is; another rig: "
                 f"{shlex.join([*again, *_out(out)])}"
             )
     _write(rig)
@@ -195,12 +195,12 @@ def applied(rig: NamedRig, request: Request, study: Study) -> Request:
     the rig is an `InputError`: it would be another rig.
     """
     if request.structure is not None:
-        raise InputError(f"rig = {rig.name!r}: the request has a structure already; leave one out")
+        raise InputError(f"rig {rig.name!r}: the request has a structure already; leave one out")
     request = replace(request, rig=rig.name, base=rig.numbers, structure=rig.structure)
     if rig.structure is not None:
         return request
     if not RIG.keys() & study.parameters.keys():
-        raise InputError(f"rig = {rig.name!r}: study {study.name} does not depend on the rig; leave it out")
+        raise InputError(f"rig {rig.name!r}: study {study.name} does not depend on the rig; leave it out")
     for name, value in request.values.items():
         if name in RIG and name in study.parameters and _is_single(value):
             own, other = rig.values.get(name, RIG[name].default), _number(name, value)
@@ -255,7 +255,7 @@ def _free(values: Mapping[str, Any], request: Request) -> dict[str, Any]:
 
 def _check_name(name: str) -> None:
     if not is_name(name) or not re.fullmatch(r"\w[\w-]*", name):
-        raise InputError(f"rig = {name!r}: a name has letters, digits, _ and -, and no suffix or slash")
+        raise InputError(f"rig {name!r}: a name has letters, digits, _ and -, and no suffix or slash")
 
 
 def _out(out: str | Path | None) -> list[str]:

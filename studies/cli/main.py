@@ -29,7 +29,7 @@ CODES = {"InputError": 2, "UnsolvedError": 2, "StoreError": 3, "ClusterLostError
 INTERNAL = 70
 # Arguments with which a message begins, and that are options here.
 OPTIONS = r"(x|y|fix|scatter|quantity|channel|unit|rate)(?= [\w,]+:)|"
-OPTIONS += r"(points|samples|seed|workers|tolerance|channel|unit|rate|rig)(?: =)"
+OPTIONS += r"(points|samples|seed|workers|tolerance|channel|unit|rate)(?: =)"
 
 
 def main() -> NoReturn:

@@ -7,10 +7,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from studies.cli.app import command, warned
+from studies.cli.compute import planned_again
+from studies.cli.execution import watched
 from studies.cli.options import OUT
 from studies.cli.output import columns, say, show
+from studies.cli.progress import announce_compiling
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from studies.asking.rigs import NamedRig
 
 NAME = click.argument("name", metavar="[NAME]", required=False)
@@ -77,3 +82,83 @@ def described(one: NamedRig) -> list[str]:
         both = (named(name, each, parameter.units) for each in (value, parameter.default))
         rows.append((name, *(text.partition(" = ")[2] for text in both)))
     return [*lines, columns([("number", one.name, "paper"), *rows]) if rows else "all numbers are the paper's"]
+
+
+RIGS = tuple(click.argument(name, metavar=name.upper()) for name in ("a", "b"))
+# Studies that know the regime of a motion.
+MOTIONS = ("regimes", "table6", "scenes")
+
+
+@command("compare", "Two rigs beside each other: numbers, onsets, regimes, a figure.", *RIGS, OUT)
+def compare(a: str, b: str, out: str | None) -> None:
+    """Two rigs beside each other: numbers that differ, onsets, unstable modes, and a figure of both.
+
+    \b
+    fiv compare mine paper
+
+    A and B are names (fiv rig); `paper` is the paper's rig. Each rig's fig5 is computed if its folder lacks it.
+    Where both have results of regimes, table6 or scenes, the regimes at their common points are compared; of the
+    paper's rig those of the reference count too.
+    """  # noqa: D301 - the backspace tells click to keep the lines
+    from studies import runner
+    from studies.answering import results, summary
+    from studies.asking import rigs
+    from studies.plotting import compare as drawing
+    from studies.plotting import figures
+    from studies.query import compare as tables
+    from sweeps import InputError
+
+    for name in (a, b):
+        rigs.place(name, out)
+    if a == b:
+        raise InputError(f"compare {a} {b}: they are one rig; give two, such as: fiv compare {a} paper")
+    announce_compiling()
+    pair = {name: _sliding(name, out) for name in (a, b)}
+    motions = dict[str, Any]()
+    for study in MOTIONS:
+        files = {name: _stored(study, rigs.named(name, out)) for name in pair}
+        if all(files.values()):
+            motions[study] = {name: results.open_dataset(str(file)) for name, file in files.items()}
+    show(summary.text(tables.parts(pair, motions)))
+    lines = [
+        f"{name}: {rigs.named(name, out).title}, {figures.place(data, 'theta')}" for name, data in pair.items()
+    ]
+    note = f"{'; '.join(lines)}. Modes below 10 kHz."
+    target = results.results_folder(out) / "compare" / f"{a}-{b}.png"
+    digest = " ".join(figures.data_digest(data) for data in pair.values())
+    with figures.style(), runner.written(target) as temporary:
+        temporary.write_bytes(figures.saved(drawing.draw(pair, note), "png", digest))
+    say(f"\nwritten: {target}")
+
+
+def _sliding(name: str, out: str | None) -> xr.Dataset:
+    """The result of study fig5 of a rig, computed if its folder lacks it; at other settings as it is stored."""
+    from studies import runner
+    from studies.answering import results
+    from studies.asking import rigs
+    from sweeps import LockedError, StoreError, status
+
+    file = results.file_of("fig5", rigs.named(name, out).folder)
+    try:
+        study, planned = planned_again("fig5", out, name)
+    except LockedError:
+        raise
+    except StoreError:
+        if status(file).state != "complete":
+            raise
+        say(f"fiv: fig5 of {name} is compared as it is stored, with other settings than a run by default has")
+        return results.open_dataset(str(file))
+    if planned.todo:
+        say(f"computing fig5 of {name}")
+        with watched(planned) as last:
+            runner.execute(study, planned, *runner.backend(None, None), last)
+    return results.open_dataset(str(file))
+
+
+def _stored(study: str, own: NamedRig) -> Any:
+    """The file of a study's result of a rig, of the paper's also in the reference; None without one."""
+    from studies.answering import results
+    from sweeps import Store
+
+    file = results.results_file(study, own.folder)
+    return file if Store(file).exists() else None

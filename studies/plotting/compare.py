@@ -1,0 +1,55 @@
+"""Two rigs over friction on one axis: frequencies, growth rates and onsets, a colour for each rig."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from studies.plotting import figures
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+# Line and marker of each rig: told apart in grey too.
+LOOKS: Any = (
+    {"color": figures.BLUE, "linestyle": "-", "marker": "o"},
+    {"color": figures.ORANGE, "linestyle": (0, (4, 1.5)), "marker": "s"},
+)
+THIN, THICK = 0.7, 2.2
+
+
+def draw(pair: Mapping[str, xr.Dataset], note: str) -> figures.Figure:
+    """Draw results of study fig5 by the names of their rigs, with a `note` on the settings below."""
+    figure, (top, bottom) = figures.panels(2, 1, 15.0, 16.5, sharex=True, height_ratios=(3.0, 2.0))
+    for (name, data), look in zip(pair.items(), LOOKS, strict=True):
+        line = {key: value for key, value in look.items() if key != "marker"}
+        mu, frequency, growth = (data[each].values for each in ("mu", "frequency", "growth_rate"))
+        grows = growth > 0.0
+        top.plot(mu, 1e-3 * frequency, **line, linewidth=THIN, label=_once(name, frequency))
+        unstable = np.where(grows, 1e-3 * frequency, np.nan)
+        top.plot(mu, unstable, **line, linewidth=THICK, label=_once(f"{name}, unstable", frequency))
+        bottom.plot(mu, np.where(grows, growth, np.nan), **line, linewidth=1.4)
+        point: Any = {"linestyle": "none", "markersize": 5.0, "zorder": 3, "marker": look["marker"]}
+        point |= {"color": look["color"], "markeredgecolor": figures.BLACK, "markeredgewidth": 0.6}
+        top.plot(data["onset_mu"], 1e-3 * data["onset_frequency"], **point, label=f"{name}, onset")
+        bottom.plot(data["onset_mu"], 0.0 * data["onset_mu"], **point, clip_on=False)
+        if np.isfinite(jams := float(data["divergence_mu"])):
+            for axes in (top, bottom):
+                axes.axvline(jams, color=look["color"], linestyle=":", label=f"{name} jams" * (axes is top))
+    ends = [data["mu"].values[[0, -1]] for data in pair.values()]
+    top.set(ylim=(0.0, None), xlim=(min(end[0] for end in ends), max(end[1] for end in ends)))
+    top.set(ylabel="frequency / kHz")
+    bottom.set(xlabel="coefficient of friction μ", ylabel="growth rate / (1/s)", ylim=(0.0, None))
+    figures.letter((top, bottom), ("frequency", "growth rate of unstable modes"))
+    figures.legend_below(figure, [top], 3)
+    figure.suptitle(f"Steady sliding of the rigs {' and '.join(pair)}")
+    below: Any = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "top", "fontsize": 7.0}
+    bottom.annotate(figures.fitted(note, 19.0), (0.0, 0.0), (0.0, -32.0), **below)
+    return figure
+
+
+def _once(label: str, curves: Any) -> list[str]:
+    """A label for the first of several curves."""
+    return [label, *["_"] * (curves.shape[1] - 1)]
