@@ -196,16 +196,31 @@ PLACE = click.option("--out", type=click.Path(), help="Results folder of a STUDY
 FORM = click.option("--format", "form", type=FORMS, default="png", show_default=True, help="svg, pdf: for print.")
 
 
-@command("plot", "Draw the figure of a result again.", TARGET, PLACE, FORM)
-def plot(target: str, out: str | None, form: str) -> None:
+LOOK = (
+    click.option("--width", metavar="LENGTH", help="Width of a column of a journal: 88mm; default: 180mm."),
+    click.option(
+        "--title/--no-title", default=True, help="Without: no title, nor what was set below; both are printed."
+    ),
+    click.option("--font", metavar="FONT", help="A family of fonts, or a .ttf file."),
+    click.option(
+        "--style", "sheet", metavar="STYLE", help="A style sheet of Matplotlib, after your matplotlibrc."
+    ),
+)
+
+
+@command("plot", "Draw the figure of a result again.", TARGET, PLACE, FORM, *LOOK)
+def plot(target: str, out: str | None, form: str, **look: Any) -> None:
     """Draw the figure of a result again.
 
     \b
     fiv plot fig5 --format svg
     fiv plot elsewhere/fig5/fig5.nc --out figures
+    fiv plot fig5 --format pdf --width 88mm --no-title --font "DejaVu Serif"
+
+    Your matplotlibrc counts. Fonts are embedded, and text stays text.
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import runner
-    from studies.answering import results
+    from studies.answering import results, summary
 
     file = beside = _file(target, out)
     if results.is_path(target):
@@ -214,8 +229,11 @@ def plot(target: str, out: str | None, form: str) -> None:
         beside = results.file_of(file.stem, out)
     with results.reading(file):
         dataset = results.open_dataset(file)
-        figures = runner.plot(runner.study_of(dataset, str(file)), dataset, beside, form)
+        study = runner.study_of(dataset, str(file))
+        figures = runner.plot(study, dataset, beside, form, **look)
     show("\n".join(map(str, figures)))
+    if not look["title"]:
+        say(f"fiv: for the caption: {study.title}; {summary.was_set(study, dataset)}")
 
 
 TARGETS = target("targets", "[STUDY|PATH]...", nargs=-1)

@@ -144,7 +144,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 def draw(dataset: xr.Dataset) -> Figure:
     """Onset by number of nodes; statistics along the friction by number of nodes and step."""
-    figure, (first, *panels) = figures.panels(2, 2, 17.0, 13.0)
+    figure, (first, *panels) = figures.panels(2, 2, 5.2)
     nodes, mu, onsets = dataset["nodes"].values, dataset["mu"].values, dataset[[*ABOUT]].max(("mu", "finer"))
     colours = [COLOURS[k % len(COLOURS)] for k in range(len(nodes))]
     first.bar(nodes.astype(str), np.nan_to_num(onsets["onset_mu"]), color=colours, width=0.6)
@@ -175,8 +175,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     panels[-1].set_yscale("log")
     figures.letter((first, *panels), ("steady sliding", "stick", "separation", "velocity of B"))
     figures.legend_below(figure, panels[:1], 6)
-    where = ", ".join(labels.named(name, dataset[name]) for name in ("foot_length", "V", "theta", "F"))
-    figure.suptitle(figures.fitted(f"Point and patch: {where}", 17.0))
+    figure.suptitle("Point and patch")
     return figure
 
 

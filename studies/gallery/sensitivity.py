@@ -99,7 +99,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     looks |= {name: (figures.BLACK, ".") for name in at["parameter"].values if name == "theta"}
     count = int(dataset["elasticity_mu"].notnull().any(["theta", "parameter"]).sum())
     pairs, height = dataset["pair"].values[: max(count, 1)], 1.8 + max(0.36 * at.sizes["parameter"], 3.2)
-    figure, panels = figures.panels(len(pairs), 2, 17.5, 3.0 + len(pairs) * height, sharex="col")
+    figure, panels = figures.panels(len(pairs), 2, height, sharex="col")
     for pair, bars, over in zip(pairs, panels[::2], panels[1::2], strict=True):
         _draw_bars(bars, at.sel(pair=pair), looks)
         over.axvline(float(at["theta"]), color=figures.GREY, linewidth=0.8, linestyle=":")
