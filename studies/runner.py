@@ -202,43 +202,53 @@ def study_of(dataset: xr.Dataset, whose: str = "dataset") -> Study:
         return Study(name, str(dataset.attrs.get("title", name)), "", {}, {"-": ("1", "")}, lambda: {})
 
 
-def draw(study: Study, dataset: xr.Dataset) -> dict[str, Any]:
-    """Figures of a result by what is added to their file's name: "" the study's, "-series" recorded series."""
+def draw(study: Study, dataset: xr.Dataset, *, title: bool = True, **look: Any) -> dict[str, Any]:
+    """Figures of a result by what is added to their file's name: "" the study's, "-series" recorded series.
+
+    `look` has the options of `figures.style`. What was set stands below a figure that has a `title`, and what is
+    missing below any.
+    """
     from studies.plotting import figures, general
 
-    with figures.style():
+    with figures.style(**look):
         shown = summary.presented(study, dataset) if study.figure is not None else None
         whole = general.draw(dataset, study) if shown is None or study.figure is None else study.figure(shown)
         drawn = {"": whole}
         names = [name for name in general.series_of(dataset) if name not in study.outputs]
-        return drawn | ({"-series": general.draw_series(dataset, names)} if names else {})
+        drawn |= {"-series": general.draw_series(dataset, names)} if names else {}
+        texts = summary.was_set(study, dataset), summary.missing(dataset)
+        return {name: figures.finish(figure, *texts, title=title) for name, figure in drawn.items()}
 
 
-def image(study: Study, dataset: xr.Dataset, form: str = "png") -> dict[str, bytes]:
-    """The figures as files that name their origin (`picture_digest`)."""
+def image(
+    study: Study, dataset: xr.Dataset, form: str = "png", *, title: bool = True, **look: Any
+) -> dict[str, bytes]:
+    """The figures as files that name their origin (`picture_digest`); options as in `draw`."""
     from studies.plotting import figures
 
-    with figures.style():
-        digest = picture_digest(study, dataset)
-        return {name: figures.saved(figure, form, digest) for name, figure in draw(study, dataset).items()}
+    with figures.style(**look):
+        # A report looks for pictures with a title.
+        digest = picture_digest(study, dataset) if title else ""
+        drawn = draw(study, dataset, title=title, **look)
+        return {name: figures.saved(figure, form, digest) for name, figure in drawn.items()}
 
 
 def picture_digest(study: Study, dataset: xr.Dataset) -> str:
-    """Digest of what a result's figures show: its data, and the code that draws; "" if that cannot be compared."""
+    """Digest of what a result's figures show: data, style, and code that draws; "" if that cannot be compared."""
     from studies.plotting import figures, general
 
     try:
-        drawing = (study.derive, study.figure, general.draw, general.draw_series)
+        drawing = (study.derive, study.figure, general.draw, general.draw_series, figures.finish)
         code = sweeps.digests([each for each in drawing if each is not None])
     except InputError:
         return ""
-    return sha256(f"{figures.data_digest(dataset)} {code}".encode()).hexdigest()
+    return sha256(f"{figures.data_digest(dataset)} {code} {figures.look_digest()}".encode()).hexdigest()
 
 
-def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png") -> list[Path]:
-    """Draw a result beside its netCDF file, in one of `FORMATS`; the paths of the figures."""
+def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png", **look: Any) -> list[Path]:
+    """Draw a result beside its netCDF file, in one of `FORMATS`, like `draw`; the paths of the figures."""
     paths = []
-    for name, content in image(study, dataset, form).items():
+    for name, content in image(study, dataset, form, **look).items():
         paths.append(beside.with_name(f"{beside.stem}{name}.{form}"))
         with written(paths[-1]) as temporary:
             temporary.write_bytes(content)

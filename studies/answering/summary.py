@@ -75,6 +75,23 @@ def fixed_parts(study: Study, dataset: xr.Dataset, *, figure: bool = False) -> l
     return text + [f"{len(drawn)} uncertain parameters"] * bool(drawn)
 
 
+def was_set(study: Study, dataset: xr.Dataset) -> str:
+    """What was set, for the small print of a figure."""
+    parts = fixed_parts(study, dataset, figure=True)
+    if "numerical_damping" in dataset.coords and not dataset["numerical_damping"].ndim:
+        published = str(dataset["numerical_damping"].values) == "published"
+        parts = [part for part in parts if not part.startswith("numerical damping")]
+        parts += [f"{'with' if published else 'without'} the published scheme's numerical damping"]
+    return "set: " + ", ".join(parts) if parts else ""
+
+
+def missing(dataset: xr.Dataset) -> str:
+    """How many points failed or are not computed yet; "" if none."""
+    status = dataset["status"].values
+    counts = {"failed": int((status == FAILED).sum()), "not computed yet": int((status == PENDING).sum())}
+    return "; ".join(f"{n} of {status.size} points {what}" for what, n in counts.items() if n)
+
+
 def quantities(dataset: xr.Dataset) -> list[str]:
     """Outputs with one number a point, without standard errors."""
     kinds = {str(name): (array.dims, array.dtype.kind) for name, array in dataset.data_vars.items()}

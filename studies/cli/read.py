@@ -215,18 +215,36 @@ PLACE = click.option("--out", type=click.Path(), help="Results folder of a STUDY
 FORM = click.option("--format", "form", type=FORMS, default="png", show_default=True, help="svg, pdf: for print.")
 
 
-@command("plot", "Draw the figure of a result again, or show it moving.", TARGET, RIGS, PLACE, FORM, *MOVING)
-def plot(target: str, rig: str | None, out: str | None, form: str, film: str | None, vtu: bool) -> None:
+LOOK = (
+    click.option("--width", metavar="LENGTH", help="Width of a column of a journal: 88mm; default: 180mm."),
+    click.option(
+        "--title/--no-title", default=True, help="Without: no title, nor what was set below; both are printed."
+    ),
+    click.option("--font", metavar="FONT", help="A family of fonts, or a .ttf file."),
+    click.option(
+        "--style", "sheet", metavar="STYLE", help="A style sheet of Matplotlib, after your matplotlibrc."
+    ),
+)
+DRAWN = "Draw the figure of a result again, or show it moving."
+
+
+@command("plot", DRAWN, TARGET, RIGS, PLACE, FORM, *LOOK, *MOVING)
+def plot(
+    target: str, rig: str | None, out: str | None, form: str, film: str | None, vtu: bool, **look: Any
+) -> None:
     """Draw the figure of a result again; or what moves in it, as a film or as a series for ParaView.
 
     \b
     fiv plot fig5 --format svg
     fiv plot elsewhere/fig5/fig5.nc --out figures
+    fiv plot fig5 --format pdf --width 88mm --no-title --font "DejaVu Serif"
     fiv plot fig6 --animate          a GIF of the unstable mode
     fiv plot fig6 --vtu              fig6.pvd, which ParaView opens and plays
+
+    Your matplotlibrc counts. Fonts are embedded, and text stays text.
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import runner
-    from studies.answering import results
+    from studies.answering import results, summary
 
     out = out if results.is_path(target) and rig is None else _place(rig, out, target)
     file = beside = _file(target, out)
@@ -242,8 +260,10 @@ def plot(target: str, rig: str | None, out: str | None, form: str, film: str | N
                 raise click.UsageError(runner.nothing_moves(study))
             figures = runner.animate(moving, beside, film, vtu)
         else:
-            figures = runner.plot(study, dataset, beside, form)
+            figures = runner.plot(study, dataset, beside, form, **look)
     show("\n".join(map(str, figures)))
+    if not look["title"]:
+        say(f"fiv: for the caption: {study.title}; {summary.was_set(study, dataset)}")
 
 
 TARGETS = target("targets", "[STUDY|PATH]...", nargs=-1)

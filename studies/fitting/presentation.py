@@ -117,10 +117,8 @@ def draw(dataset: xr.Dataset) -> Figure:
     priors, targets, weights = parts(dataset)
     names, n = list(priors), len(priors)
     layout = [["targets"] * n, *([f"{k} {j}" if j <= k else "." for j in range(n)] for k in range(n))]
-    width, above = max(16.0, 4.5 * n), 3.0 + 0.4 * len(targets)
-    below = 0.8 * width / n
-    ratios = {"height_ratios": [above, *[below] * n]}
-    figure, panels = figures.mosaic(layout, width, above + n * below, gridspec_kw=ratios)
+    rows = 2.0 + 0.4 * len(targets), *[0.8 * figures.width_cm() / n] * n
+    figure, panels = figures.mosaic(layout, *rows, stack=False)
     middles = {name: _middles(dataset[name], weights, prior.text) for name, prior in priors.items()}
     for k, j in zip(*np.tril_indices(n), strict=True):
         axes, x, y = panels[f"{k} {j}"], names[j], names[k]
@@ -168,7 +166,7 @@ def _predictions(axes: Axes, dataset: xr.Dataset, targets: Any, weights: Any) ->
         axes.plot(off[1], k, "o", color=figures.BLUE, markersize=4.0)
     axes.axvspan(-1.0, 1.0, color="#e0e0e0", zorder=0)
     axes.set_yticks(range(len(targets)), [labels.title(target["name"]) for target in targets])
-    axes.set_title("Predictions, median and 90 %; grey: within one standard deviation", fontsize=9.0)
+    axes.set_title("Predictions, median and 90 %; grey: within one standard deviation")
     axes.set(xlabel="predicted - measured, in its standard deviations", ylim=(len(targets) - 0.5, -0.5))
 
 

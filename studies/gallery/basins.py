@@ -75,7 +75,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     chosen = planes.subset(at.sizes[x], PANELS) if len(moved) == 2 else []
     below = [f"plane {k}" for k in chosen] or ["starts"] * bool(moved)
     rows = [["share"], *(below[k : k + 2] for k in range(0, len(below), 2))]
-    figure, panels = figures.mosaic([row * (2 // len(row)) for row in rows], 16.0, 1.0 + 7.0 * len(rows))
+    figure, panels = figures.mosaic([row * (2 // len(row)) for row in rows], *[6.5] * len(rows))
     _draw_shares(panels["share"], at, x)
     titles = ["share of the starts that lead to each motion"]
     if len(moved) == 1:
@@ -100,8 +100,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         panels["share"].axvline(onset, color="black", linestyle="--", label="onset of flutter")
     figures.legend_below(figure, [panels["share"]], 4)
     about = "steady sliding" if str(dataset["about"].values) == "sliding" else "rest"
-    title = f"Starts about {about} by their motion: {figures.place(at, 'V', 'theta', 'mu', 'F')}"
-    figure.suptitle(figures.fitted(title, 16.0))
+    figure.suptitle(f"Starts about {about} by their motion")
     return figure
 
 

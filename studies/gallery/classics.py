@@ -85,7 +85,7 @@ def summarise(data: xr.Dataset) -> Iterator[Any]:
 
 def draw(data: xr.Dataset) -> Any:
     """Differences by case on a logarithmic axis, with the stated accuracy."""
-    figure, (axes,) = figures.panels(1, 1, 17.0, 4.0 + 0.5 * data.sizes["case"])
+    figure, (axes,) = figures.panels(1, 1, 1.5 + 0.42 * data.sizes["case"])
     looks = "os^|", (figures.BLACK, figures.BLUE, figures.ORANGE, figures.RED)
     for array, look, c in zip((data[name] for name in [*OUTPUTS][2:]), *looks, strict=True):
         axes.plot(abs(array).clip(LEAST), data["case"], look, color=c, label=array.long_name, mfc="none")

@@ -102,8 +102,8 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     columns = planes.subset(dataset.sizes["V"], MOST_COLUMNS)
     sides = ("largest normal\nforce / N", "largest slip\nspeed / (mm/s)", "normal force\n/ N",
              "apparent\nfriction T/N", "slip velocity\n/ (mm/s)", "slip velocity / (mm/s)")  # fmt: skip
-    heights, width = (1.0, 1.0, 1.2, 1.0, 1.0, 1.9), max(9.0 * len(columns), 12.0)
-    figure, panels = figures.panels(6, len(columns), width, 25.0, height_ratios=heights)
+    heights = 2.7, 3.2, 3.0, 2.7, 3.2, 4.8
+    figure, panels = figures.panels(6, len(columns), *heights, stack=False)
     grid = np.array(panels).reshape(6, len(columns))
     for column, k in zip(grid.T, columns, strict=True):
         _draw_speed(column, dataset.isel(V=k))
@@ -114,8 +114,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         for axes in row:
             axes.set_ylim(low.min(), high.max())
     figures.legend_below(figure, panels, 3 if len(columns) > 1 else 2)
-    where = figures.place(dataset, "theta", "mu", "F") + planes.of_all(columns, dataset.sizes["V"])
-    figure.suptitle(f"The contact, {where}\n{regimes.damping_text(dataset)}")
+    figure.suptitle(f"The contact{planes.of_all(columns, dataset.sizes['V'], 'speeds')}")
     return figure
 
 

@@ -87,18 +87,16 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         return general.draw(dataset)
     points = [*each_point(dataset)]
     chosen = planes.subset(len(points), COLUMNS)
-    width = max(9.0 * len(chosen), 12.0)
-    figure, panels = figures.panels(4, len(chosen), width, 21.0, sharex="col", sharey="row")
+    figure, panels = figures.panels(4, len(chosen), 4.5, stack=False, sharex="col", sharey="row")
     grid = np.array(panels).reshape(4, len(chosen))
     for column, k in zip(grid.T, chosen, strict=True):
         _draw_point(column, points[k][1])
-        column[0].set_title(points[k][0], fontsize=9.0)
+        column[0].set_title(points[k][0], loc="left")
     for axes, text in zip(grid[:, 0], SIDES, strict=True):
         axes.set_ylabel(text)
     figures.legend_below(figure, panels, 3 if len(chosen) > 1 else 2)
-    where = figures.place(dataset, *SCENE) + planes.of_all(chosen, len(points))
-    title = f"Limit cycles over {labels.title(following.followed(dataset))}, {where}"
-    figure.suptitle(figures.fitted(title, width))
+    left_out = planes.of_all(chosen, len(points), "points")
+    figure.suptitle(f"Limit cycles over {labels.title(following.followed(dataset))}{left_out}")
     return figure
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
-from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from studies import paper
 from studies.answering.claims import PRINTED
 from studies.declaring import labels
 from studies.declaring.parameters import RIG, RUN, Parameter, published
-from studies.motion import ensemble, regimes
+from studies.motion import ensemble
 from studies.physics import statements
 from studies.physics.statements import QUANTITIES, SCENES, STATEMENTS, holding, identified, most
 from studies.plotting import figures, planes
@@ -67,7 +66,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 
 # Small planes across, and the modal damping ratios at the paper's frequency that are drawn, %.
-ACROSS, RATIOS = 5, (0.1, 0.2, 0.5, 1.0)
+ACROSS, ACROSS_NARROW, RATIOS = 5, 3, (0.1, 0.2, 0.5, 1.0)
 MARKS: dict[str, dict[str, Any]] = {
     "printed": {"marker": "D", "color": figures.RED, "markeredgecolor": "white", "markersize": 7.0},
     "identified": {"marker": "*", "color": "white", "markeredgecolor": "black", "markersize": 13.0},
@@ -79,28 +78,26 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     dataset = dataset.where(dataset["status"] == DONE)
     names, share = dataset["statement"].values, holding(dataset)
     varies = [str(name) for name in names[(share > 0.0) & (share < 1.0)]]
-    cells = [*varies, *("." * (-len(varies) % ACROSS))]
-    layout = [["held"] * (ACROSS - 1) + ["key"], *(cells[k : k + ACROSS] for k in range(0, len(cells), ACROSS))]
-    rows = len(layout) - 1
-    figure, panels = figures.mosaic(layout, 18.0, 12.0 + 4.0 * rows, height_ratios=[8.5] + [4.0] * rows)
-    top, key = panels.pop("held"), panels.pop("key")
-    key.axis("off")
+    across = ACROSS if figures.is_wide() else ACROSS_NARROW
+    cells = [*varies, *("." * (-len(varies) % across))]
+    layout = [["held"] * across, *(cells[k : k + across] for k in range(0, len(cells), across))]
+    figure, panels = figures.mosaic(layout, 8.0, *[4.4] * (len(layout) - 1), stack=False)
+    top = panels.pop("held")
     _draw_held(top, dataset)
-    key.legend(*top.get_legend_handles_labels(), loc="upper left", borderaxespad=0.0, borderpad=0.0)
+    figures.legend_below(figure, [top])
     same = (("everywhere", names[share == 1.0]), ("nowhere", names[share == 0.0]))
     text = "; ".join(f"{where}: {', '.join(each)}" for where, each in same if len(each))
-    figure.supxlabel(fill(f"Statements that hold {text}." if text else "", 115), fontsize=7.5)
     for k, (name, axes) in enumerate(panels.items()):
         mesh = planes.numbers(axes, dataset["truth"].sel(statement=name), "d1", "d2", vmin=0.0, vmax=1.0)
-        axes.set_title(fill(f"({chr(ord('b') + k)}) {name}", 19), loc="left", fontsize=7.0)
+        axes.set_title(f"({chr(ord('b') + k)}) {name}", loc="left")
         _mark(axes, dataset, 0.6)
-        axes.tick_params(labelsize=6.5, labelleft=k % ACROSS == 0, labelbottom=k + ACROSS >= len(varies))
-        axes.set(**{"xlabel": ""} if k + ACROSS < len(varies) else {}, **{"ylabel": ""} if k % ACROSS else {})
+        axes.tick_params(labelleft=k % across == 0, labelbottom=k + across >= len(varies))
+        axes.set(**{"xlabel": ""} if k + across < len(varies) else {}, **{"ylabel": ""} if k % across else {})
     if varies:
         bar = figure.colorbar(mesh, ax=[*panels.values()], location="bottom", aspect=60, pad=0.02)
         bar.set_label("share of the realisations in which the statement holds")
-    about = f"{int(dataset['members'])} realisations, {regimes.damping_text(dataset)}"
-    figure.suptitle(figures.fitted(f"Damping and the paper's statements on motion: {about}", 17.0))
+    about = f"{int(dataset['members'])} realisations" + f"; statements that hold {text}" * bool(text)
+    figure.suptitle(f"Damping and the paper's statements on motion: {about}")
     return figure
 
 
@@ -109,14 +106,14 @@ def _draw_held(axes: figures.Axes, dataset: xr.Dataset) -> None:
     held = dataset["held"].astype(float)
     low, high = np.nan_to_num([held.min(), held.max()])
     mesh = planes.numbers(axes, held, "d1", "d2", vmin=low, vmax=max(high, low + 1.0))
-    axes.set_title(f"(a) statements that hold, of {dataset.sizes['statement']}", loc="left", fontsize=9.0)
+    axes.set_title(f"(a) statements that hold, of {dataset.sizes['statement']}", loc="left")
     axes.figure.colorbar(mesh, ax=axes, location="bottom", aspect=40, pad=0.02)
     omega = 2.0 * np.pi * paper.SIMULATED_LINE
     ratio = 100.0 * (0.5 * dataset["d1"] / omega + 0.5 * dataset["d2"] * omega).transpose("d2", "d1")
     _mark(axes, dataset, 1.0)
     if min(ratio.shape) > 1:
         lines = axes.contour(dataset["d1"], dataset["d2"], ratio, RATIOS, colors="white", linewidths=0.8)
-        axes.clabel(lines, fmt="%g %%", fontsize=7.5)
+        axes.clabel(lines, fmt="%g %%")
         axes.plot([], [], color=figures.GREY, linewidth=0.8, label="modal damping\nat 2.7 kHz")
     best = planes.places(most(dataset), "d1", "d2")
     planes.marks(axes, best, marker=".", color="black", label=f"most: {high:.0f}")

@@ -60,7 +60,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 def draw(dataset: xr.Dataset) -> figures.Figure:
     """The histories as in the paper; below, how the vibration grows or decays, and the spectra."""
     chosen, layout = planes.subset(dataset.sizes["theta"], len(LOOKS)), [["top", "top"], ["growth", "tones"]]
-    figure, panels = figures.mosaic(layout, 17.0, 15.0, height_ratios=(1.0, 1.1))
+    figure, panels = figures.mosaic(layout, 5.5, 6.5)
     top, growth, tones = panels.values()
     for k, (colour, style) in zip(chosen, LOOKS, strict=False):
         point = dataset.isel(theta=k)
@@ -87,8 +87,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     signals.finish_spectra(tones, DEPTH)
     figures.letter((top, growth, tones), ("motion", "growth and decay", "spectrum after settling"))
     figures.legend_below(figure, [top, growth, tones], 2)
-    where = figures.place(dataset, "V", "mu", "F") + planes.of_all(chosen, dataset.sizes["theta"])
-    figure.suptitle(f"Velocity of B along x, {where}\n{regimes.damping_text(dataset)}")
+    figure.suptitle(f"Velocity of B along x{planes.of_all(chosen, dataset.sizes['theta'], 'angles')}")
     return figure
 
 

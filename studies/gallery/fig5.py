@@ -80,7 +80,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
     """Branches over mu as in the paper, unstable ones in colour, and their growth rates below."""
-    figure, (top, bottom) = figures.panels(2, 1, 15.0, 16.0, sharex=True, height_ratios=(3.0, 1.5))
+    figure, (top, bottom) = figures.panels(2, 1, 8.5, 4.5, sharex=True)
     mu, frequency, growth = (dataset[name].values for name in ("mu", "frequency", "growth_rate"))
     branches.draw_branches(top, bottom, mu, frequency, growth, 1e3, "." if len(mu) < 3 else None)
     branches.name_growing(bottom, mu[-1], frequency[-1], growth[-1])
@@ -95,8 +95,8 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         look = planes.PAPER["first unstable μ"] | {"color": figures.ORANGE, "markerfacecolor": "none"}
         planes.marks(top, [(mu, 1e-3 * hertz) for mu, hertz in paper.ONSETS], **look | {"markeredgecolor": None})
     figures.letter((top, bottom), ("frequency", "growth rate of unstable modes"))
-    figures.legend_below(figure, [top], 2)
-    figure.suptitle(f"Modes of steady sliding, θ = {float(dataset['theta']):g}°{rig_text(dataset)}")
+    figures.legend_below(figure, [top], 3)
+    figure.suptitle(f"Modes of steady sliding{rig_text(dataset)}")
     bottom.set(ylabel="growth rate / (1/s)", xlabel="coefficient of friction μ", ylim=(0.0, None))
     return figure
 

@@ -63,7 +63,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
     """Root locus above, the shape at lock-in below."""
-    figure, (locus, shape) = figures.panels(2, 1, 17.0, 17.0, height_ratios=(1.5, 1.0))
+    figure, (locus, shape) = figures.panels(2, 1, 7.5, 7.0)
     mu, onset, hertz = dataset["mu"].values, float(dataset["lock_in_mu"]), float(dataset["lock_in_frequency"])
     locus.set_prop_cycle(color=[figures.BLUE, figures.RED], marker=["o", "s"])
     texts = [f"mode {number}" for number in dataset["mode"].values]

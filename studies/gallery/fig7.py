@@ -90,52 +90,58 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 def draw(dataset: xr.Dataset, measured: Signal | None = None) -> figures.Figure:
     """Time on the left and spectra on the right, a row for each speed, as in the paper; `measured` in a last."""
     rows = planes.subset(dataset.sizes["V"], MOST_ROWS)
-    shared: dict[str, Any] = {"sharex": "col", "sharey": "col", "width_ratios": (1.35, 1.0)}
-    count = len(rows) + (measured is not None)
-    figure, panels = figures.panels(count, 2, 18.0, 3.2 + 4.6 * count, **shared)
+    figure, panels = signals.series_panels(len(rows) + (measured is not None))
     if measured is not None:
         _draw_measured(panels, measured)
     papers = is_papers_point(dataset, mu=paper.MU, F=paper.LOAD, theta=paper.THETA)
-    for k, left, right in zip(rows, panels[::2], panels[1::2], strict=False):
-        _draw_speed(left, right, dataset.isel(V=k))
+    for k, (left, part, right) in zip(rows, panels, strict=False):
+        _draw_speed(left, part, right, dataset.isel(V=k))
         if papers and float(dataset["V"][k]) in paper.SPEEDS:
             signals.mark_lines(right, paper.LINES, "--", "dominant frequency and harmonics")
             signals.mark_lines(right, paper.OTHER_LINES, ":", "other peaks")
-    signals.finish_spectra(panels[1], DEPTH)
-    for axes in panels[1::2]:
-        axes.set(xlabel="", ylabel=panels[1].get_ylabel())
-    panels[-2].set(xlim=(0.0, float(dataset["duration"])), xlabel="time since the drive started / s")
-    panels[-1].set_xlabel("frequency / kHz")
-    figures.legend_below(figure, panels, 3)
-    where = figures.place(dataset, "theta", "mu", "F") + planes.of_all(rows, dataset.sizes["V"])
-    figure.suptitle(f"Velocity of B along x, {where}\n{regimes.damping_text(dataset)}")
+    first, spectrum = panels[0][0], panels[0][2]
+    for left, _, right in panels[1:]:
+        left.sharex(first)
+        left.sharey(first)
+        right.sharex(spectrum)
+        right.sharey(spectrum)
+    first.set_xlim(0.0, float(dataset["duration"]))
+    signals.finish_spectra(spectrum, DEPTH)
+    for left, _, right in panels:
+        left.set_ylabel("velocity of B / (mm/s)")
+        right.set(xlabel="", ylabel=spectrum.get_ylabel())
+    signals.name_sides(panels)
+    figures.legend_below(figure, [axes for row in panels for axes in row], 3)
+    figure.suptitle(f"Velocity of B along x{planes.of_all(rows, dataset.sizes['V'], 'speeds')}")
     return figure
 
 
-def _draw_speed(left: figures.Axes, right: figures.Axes, point: xr.Dataset) -> None:
+def _draw_speed(left: figures.Axes, part: figures.Axes, right: figures.Axes, point: xr.Dataset) -> None:
     """One row; the panels of a speed that failed stay empty."""
     kind, main = regimes.kind(point), float(point["dominant_frequency"])
     left.set_title(f"{labels.named('V', point['V'])}: {kind}", loc="left")
-    left.set_ylabel("velocity of B / (mm/s)")
     if kind == "failed":
         return
     elapsed, frequency = point["elapsed"].values, point["frequency"]
-    figures.trace(left, elapsed, 1e3 * point["velocity_B"].values.astype(float), color=figures.BLUE)
+    velocity = 1e3 * point["velocity_B"].values.astype(float)
+    figures.trace(left, elapsed, velocity, color=figures.BLUE)
     signals.mark_parts(left, elapsed, point["long_stick"].values == 1.0, "long stick")
     signals.spectrum(right, frequency, point["spectrum"], linewidth=1.0, label="after settling")
     signals.spectrum(right, frequency, point["spectrum_stuck"], color=figures.BLACK, label="within long sticks")
     if np.isfinite(main):
-        right.set_title(f"dominant frequency {main:.0f} Hz", loc="left")
+        signals.periods(part, elapsed, velocity, main, color=figures.BLUE)
+        right.set_title(f"{main:.0f} Hz dominates", loc="left")
 
 
-def _draw_measured(panels: Sequence[figures.Axes], signal: Signal) -> None:
+def _draw_measured(panels: Sequence[Sequence[figures.Axes]], signal: Signal) -> None:
     """A measured `velocity` in the last row of panels, mm/s, and its spectrum in all of the right column."""
     time, frequency = np.arange(len(signal.values)) / signal.rate, series.frequencies(signal.rate).values
     power = series.spectrum(signal.values, np.ones(len(time), dtype=bool), signal.rate)
-    panels[-2].set(ylabel="velocity / (mm/s)")
-    panels[-2].set_title(f"measured: {signal.name}", loc="left")
-    figures.trace(panels[-2], time, 1e3 * signal.values, color=figures.ORANGE)
-    for right in panels[1::2]:
+    left, part, _ = panels[-1]
+    left.set_title(f"measured: {signal.name}", loc="left")
+    figures.trace(left, time, 1e3 * signal.values, color=figures.ORANGE)
+    signals.periods(part, time, 1e3 * signal.values, float(frequency[np.nanargmax(power)]), color=figures.ORANGE)
+    for _, _, right in panels:
         signals.spectrum(right, frequency, power, color=figures.ORANGE, label="measured")
 
 

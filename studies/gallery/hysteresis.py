@@ -45,7 +45,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     if not bool(np.isfinite(dataset["regime"]).any()):
         return general.draw(dataset)
     name, ends = following.followed(dataset), following.interval(dataset)
-    figure, panels = figures.panels(3, 1, 16.0, 19.0, sharex=True, height_ratios=(2.0, 1.2, 1.0))
+    figure, panels = figures.panels(3, 1, 6.5, 4.2, 4.0, sharex=True)
     top, middle, below = panels
     x, factor = labels.readable(dataset[name]).values, labels.unit_of(dataset[name])[1]
     shift = 0.12 * np.diff(edges(x))
@@ -69,8 +69,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     figures.letter(panels, ("motion", "its size", "linear stability of steady sliding"))
     figures.legend_below(figure, [middle, below], 4)
     both = "; grey: sliding and vibration are both stable" if ends else ""
-    title = f"{labels.title(name)} followed up and down, {figures.place(dataset, *SCENE)}{both}"
-    figure.suptitle(figures.fitted(title, 16.0))
+    figure.suptitle(f"{labels.title(name)} followed up and down{both}")
     return figure
 
 

@@ -122,7 +122,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
     """Onset by number of nodes; statistics along the friction by number of nodes and step."""
-    figure, (first, *panels) = figures.panels(2, 2, 17.0, 13.0)
+    figure, (first, *panels) = figures.panels(2, 2, 5.2)
     nodes, mu, onsets = dataset["nodes"].values, dataset["mu"].values, dataset[[*ABOUT]].max(("mu", "finer"))
     colours = [COLOURS[k % len(COLOURS)] for k in range(len(nodes))]
     bars = first.bar(nodes.astype(str), np.nan_to_num(onsets["onset_mu"]), color=colours, width=0.6)
@@ -151,8 +151,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     panels[-1].set_yscale("log")
     figures.letter((first, *panels), ("steady sliding", "stick", "separation", "velocity of B"))
     figures.legend_below(figure, panels[:1], 6)
-    title = f"Point and patch: {figures.place(dataset, 'foot_length', 'V', 'theta', 'F')}"
-    figure.suptitle(figures.fitted(title, 17.0))
+    figure.suptitle("Point and patch")
     return figure
 
 

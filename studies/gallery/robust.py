@@ -83,7 +83,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     """Probability over inclination and friction; at the angle next to the paper's, what it depends on."""
     at, whole = ranked(dataset), min(dataset.sizes["theta"], dataset.sizes["mu"]) > 1
     layout = [["plane", "plane"]] * whole + [["along", "rigs"], ["bars", "bars"]]
-    figure, panels = figures.mosaic(layout, 17.0, 7.3 * len(layout), height_ratios=[1.4, 1.0, 0.9][-len(layout) :])
+    figure, panels = figures.mosaic(layout, *[7.0, 5.0, 5.0][-len(layout) :])
     if whole:
         _draw_plane(panels["plane"], dataset)
     axes, mu, middle = panels["along"], at["mu"].values, at["probability_unstable"].values
@@ -100,7 +100,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     look: dict[str, Any] = {"cmap": "cividis", "vmin": low, "vmax": high, "linewidths": 0.0}
     dots = panels["rigs"].scatter(labels.readable(x), labels.readable(y), 7.0, at["onset_mu"], **look)
     figure.colorbar(dots, ax=panels["rigs"]).set_label("lowest onset μ")
-    across, up = (figures.fitted(labels.label(array, long=True), 7.0) for array in (x, y))
+    across, up = (labels.label(array, long=True) for array in (x, y))
     panels["rigs"].set(xlabel=across, ylabel=up)
     bars, axes = at.isel(parameter=slice(LISTED)), panels["bars"]
     rows = np.arange(bars.sizes["parameter"])

@@ -114,14 +114,13 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     pairs, height = dataset["pair"].values[: max(count, 1)], 1.8 + max(0.36 * at.sizes["parameter"], 3.2)
     # A structure has one inclination.
     alone = bool(structure_in(dataset))
-    size = (12.5, 1.5 + len(pairs) * height) if alone else (17.5, 3.0 + len(pairs) * height)
-    figure, panels = figures.panels(len(pairs), 2 - alone, *size, sharex="col")
+    figure, panels = figures.panels(len(pairs), 2 - alone, height, sharex="col")
     if alone:
         for pair, bars in zip(pairs, panels, strict=True):
             _draw_bars(bars, at.sel(pair=pair), looks)
         panels[-1].set_xlabel("normalised sensitivity of the onset's μ")
         figures.legend_below(figure, panels, 1)
-        figure.suptitle(f"Sensitivity of flutter onsets{rig_text(dataset)}")
+        figure.suptitle("Sensitivity of flutter onsets")
         return figure
     for pair, bars, over in zip(pairs, panels[::2], panels[1::2], strict=True):
         _draw_bars(bars, at.sel(pair=pair), looks)

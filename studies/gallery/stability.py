@@ -99,7 +99,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     if min(dataset.sizes["theta"], dataset.sizes["mu"]) == 1:
         return general.draw(dataset)
     layout, sides = [["growth", "growth"], ["frequency", "count"]], ("theta", "mu")
-    figure, panels = figures.mosaic(layout, 17.0, 17.5, height_ratios=(1.45, 1.0))
+    figure, panels = figures.mosaic(layout, 8.0, 5.5)
     growth, count, last = dataset["growth_rate"], dataset["unstable_modes"], len(COUNTS) - 1
     grows, look = growth.where(growth > 0.0), dict[str, Any]()
     if bool(grows.notnull().any()):

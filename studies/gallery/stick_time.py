@@ -17,7 +17,6 @@ from studies.declaring import labels, spec
 from studies.declaring.parameters import RUN, Parameter
 from studies.motion import ensemble, stick_fit
 from studies.motion.jobs import outcomes
-from studies.motion.regimes import damping_text
 from studies.motion.run import SETTLING
 from studies.plotting import figures, planes
 from studies.study import Claim, Study
@@ -76,7 +75,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
     """Stick times by speed, their departure from 1 / V, their distribution, and all mu and F in one."""
-    figure, panels = figures.panels(2, 2, 17.0, 16.0)
+    figure, panels = figures.panels(2, 2, 6.5)
     (times, products, spread, collapse), at = panels, stick_fit.at_paper(dataset)
     V = 1e3 * np.abs(at["V"].values)
     for axes, text in ((times, "mean stick time / ms"), (products, "T V / μm")):
@@ -104,8 +103,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     figures.one_two_five(times.xaxis, times.yaxis, products.xaxis, collapse.xaxis)
     figures.letter(panels, ("mean", "mean × speed", "sustained sticks", "all μ and F; open: start-up"))
     figures.legend_below(figure, [times, products], 3)
-    where = figures.place(at, "theta", "mu", "F")
-    figure.suptitle(f"Duration of long sticks; (a) to (c) {where}\n{damping_text(dataset)}")
+    figure.suptitle(f"Duration of long sticks; (a) to (c) at {figures.place(at, 'mu', 'F')}")
     return figure
 
 

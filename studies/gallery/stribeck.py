@@ -92,7 +92,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     growth, kinds = dataset["growth_rate"], dataset["status"].copy(data=regimes.kinds(dataset))
     if min(dataset.sizes["V"], dataset.sizes["kinetic_ratio"]) == 1 or not bool(growth.notnull().any()):
         return general.draw(dataset)
-    figure, panels = figures.panels(3, 1, 16.0, 20.0, sharex=True, height_ratios=(1.0, 1.0, 1.3))
+    figure, panels = figures.panels(3, 1, 4.5, 4.5, 6.5, sharex=True)
     (top, middle, below), sides = panels, ("V", "kinetic_ratio")
     scale: dict[str, Any] = {"norm": "log", "vmin": FAINTEST, "vmax": max(float(growth.max()), 10.0 * FAINTEST)}
     planes.numbers(top, growth, *sides, "growth rate / (1/s)", growth <= 0.0, **scale)
@@ -118,8 +118,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         axes.label_outer()
     figures.letter(panels, ("growth rate of the least stable mode", "regime", "growth rate and its share"))
     figures.legend_below(figure, panels, 3)
-    where = figures.place(dataset, "theta", "mu", "F", "decay_speed", "decay")
-    figure.suptitle(figures.fitted(f"Friction that falls with the speed: {where}", 16.0))
+    figure.suptitle("Friction that falls with the speed")
     return figure
 
 

@@ -68,7 +68,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
     """Deviations from the paper's numerical column, whose frequencies are written at the modes."""
-    figure, (axes,) = figures.panels(1, 1, 15.0, 9.0)
+    figure, (axes,) = figures.panels(1, 1, 7.0)
     mode, hertz = dataset["mode"].values, dataset["frequency_paper"].values
     for k, (text, column) in enumerate(deviations(dataset).items()):
         axes.bar(mode + 0.24 * k - 0.24, column, 0.22, color=COLOURS[k], label=text)

@@ -108,8 +108,8 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     """Frequencies, growth rates and fractions of time; unstable intervals, regimes and the paper's text."""
     theta, bounds = dataset["theta"].values, np.stack([dataset["window_from"], dataset["window_to"]], axis=1)
     papers = is_papers_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED)
-    heights = (3.0, 2.6, 1.4, 1.5 + 0.3 * len(bounds))
-    figure, panels = figures.panels(4, 1, 17.0, 18.0 + 0.6 * len(bounds), sharex=True, height_ratios=heights)
+    heights = 5.0, 4.4, 2.6, 2.6 + 0.6 * len(bounds)
+    figure, panels = figures.panels(4, 1, *heights, sharex=True)
     lines, growth, fractions, strips = panels
     for axes in (lines, growth):
         figures.spans(axes, bounds, color=figures.BLACK, alpha=0.06, zorder=0.5)
@@ -131,11 +131,9 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     planes.draw_mixed(fractions, dataset, "theta", "stick_fraction")
     fractions.set(ylim=(0.0, 1.0), ylabel="fraction\nof time")
     angles.regime_strips(strips, dataset, papers)
-    for axes in panels:
-        if axes.get_legend_handles_labels()[0]:
-            axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
-    title = f"Stability and motion over the inclination, {figures.place(dataset, 'V', 'mu', 'F')}"
-    figure.suptitle(f"{title}\n{regimes.damping_text(dataset)}")
+    figures.legend_below(figure, panels, 3)
+    figures.letter(panels, ("frequency", "growth rate", "motion of the contact", "unstable angles and regimes"))
+    figure.suptitle("Stability and motion over the inclination")
     return figure
 
 

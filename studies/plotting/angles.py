@@ -57,7 +57,7 @@ def regime_strips(axes: figures.Axes, dataset: xr.Dataset, papers: bool) -> None
         less, more = "< " * bool(low <= theta[0]), "> " * bool(high >= theta[-1])
         place, text = (0.5 * (low + high), 1.25 + 0.5 * k), f"{less}{low:.2f}° to {more}{high:.2f}°"
         axes.barh(place[1], high - low, 0.4, left=low, color="white", edgecolor=figures.GREY)
-        axes.annotate(f"{text}, {hertz:.0f} Hz", place, ha="center", va="center_baseline", fontsize=8.0)
+        axes.annotate(f"{text}, {hertz:.0f} Hz", place, ha="center", va="center_baseline")
     top = 1.0 + 0.5 * max(len(windows), 1)
     axes.set_yticks([-0.6, 0.4, 0.5 * (1.0 + top)], ["paper's text", "realisations", "unstable"])
     axes.grid(False)

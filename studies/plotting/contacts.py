@@ -32,7 +32,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     first = np.unravel_index(np.argmax(status.values == DONE), status.shape)
     point = dataset.isel(dict(zip(status.dims, first, strict=True)))
     state, elapsed = point["contact_state"].transpose("contact", "elapsed").values, point["elapsed"].values
-    figure, (whole, close, shares) = figures.panels(1, 3, 27.0, 7.5, sharey=True)
+    figure, (whole, close, shares) = figures.panels(1, 3, 6.0, sharey=True)
     colours = np.array([to_rgb(colour) for colour in COLOURS])[np.clip(state, 0, len(COLOURS) - 1).astype(int)]
     step = elapsed[1] - elapsed[0] if len(elapsed) > 1 else 1.0
     for axes, begin in ((whole, 0), (close, max(len(elapsed) - CLOSE, 0))):

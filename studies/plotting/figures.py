@@ -8,15 +8,19 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from difflib import get_close_matches
 from hashlib import sha256
 from io import BytesIO
-from textwrap import fill
+from itertools import pairwise
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.declaring import labels
+from studies.declaring import labels, spec
+from sweeps import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,32 +39,103 @@ COLOURS = (BLUE, BLACK, ORANGE, GREEN, RED)
 # Of a parameter that is followed up and down.
 WAYS = {"up": (GREEN, "^"), "down": (RED, "v")}
 
+# Width of a figure, mm, from which its panels stand side by side, and type of its size; else the smaller one.
+WIDTH, WIDE, LARGE, SMALL = 180.0, 130.0, 8.0, 7.0
+NARROWEST, WIDEST = 40.0, 1000.0
 STYLE: Any = {
-    "font.size": 9.0, "axes.titlesize": 10.0, "figure.titlesize": 11.0, "lines.linewidth": 1.2,
+    "figure.figsize": (WIDTH / 25.4, 0.75 * WIDTH / 25.4),
+    "font.size": LARGE, "axes.titlesize": "medium", "figure.titlesize": "large", "lines.linewidth": 1.2,
     "axes.spines.top": False, "axes.spines.right": False, "axes.axisbelow": True,
     "axes.grid": True, "grid.color": "#e0e0e0", "grid.linewidth": 0.6,
-    "legend.fontsize": 8.0, "legend.edgecolor": "none", "legend.framealpha": 0.85,
+    "legend.fontsize": "medium", "legend.edgecolor": "none", "legend.framealpha": 0.85,
     # Names within a vector figure follow from what is drawn, not from chance.
     "svg.hashsalt": "fiv",
 }  # fmt: skip
+# Fonts are embedded as TrueType, and text stays text, as journals ask.
+FONTS: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}
 
 # Metadata of each format: which entry names the data that a figure shows, and no date, so that the same result is
 # the same file.
 SOURCE = {"png": "Source", "svg": "Source", "pdf": "Keywords"}
 UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
-# Of a title to a centimetre.
-LETTERS = 4.4
 # Of a large variable so many bytes are read at a time.
 READ_BYTES = 1 << 24
+# Lines of a figure's title; what is longer goes below. Gap between parts of a figure, cm.
+LINES, GAP = 2, 0.15
 
 
 @contextmanager
-def style() -> Iterator[None]:
-    """Draw and save in the project's style, whatever the user's own settings."""
+def style(
+    width: float | str | None = None, font: str | None = None, sheet: str | PathLike[str] | None = None
+) -> Iterator[None]:
+    """Draw and save in the project's style, then the user's matplotlibrc, then a style `sheet`.
+
+    `width` is in m, or text like "88mm", `font` a family or a file, `sheet` a name or a file.
+    """
     import matplotlib.style
 
-    with matplotlib.style.context(["default", STYLE]):
+    path, look = matplotlib.matplotlib_fname(), dict[str, Any]()
+    if Path(path).parent != Path(matplotlib.get_data_path()):
+        own = matplotlib.rc_params_from_file(path, use_default_template=False)
+        look = {key: value for key, value in own.items() if key not in matplotlib.style.core.STYLE_BLACKLIST}
+    metres = None if width is None else spec.one(str(width), "width", "m")
+    if metres is not None and not NARROWEST <= 1e3 * metres <= WIDEST:
+        raise InputError(f"width = {width}: it must be from {NARROWEST:g}mm to {WIDEST:g}mm")
+    try:
+        context = matplotlib.style.context(["default", STYLE | FONTS, look, *([str(sheet)] if sheet else [])])
+        context.__enter__()
+    except OSError as problem:
+        known = ", ".join(matplotlib.style.available)
+        raise InputError(f"style = {str(sheet)!r}: it must be a style file or one of {known}") from problem
+    try:
+        settings = matplotlib.rcParams
+        if metres is not None:
+            settings["figure.figsize"] = (metres / 0.0254, 0.75 * metres / 0.0254)
+        if settings["font.size"] == LARGE and not is_wide():  # nobody has set it
+            settings["font.size"] = SMALL
+        if font is not None:
+            settings.update(_typeface(font))
         yield
+    finally:
+        context.__exit__(None, None, None)
+
+
+def _typeface(font: str) -> dict[str, Any]:
+    """Settings of a font; letters that it lacks come from DejaVu Sans."""
+    from matplotlib import font_manager
+
+    try:
+        if Path(font).suffix.lower() in (".ttf", ".otf"):
+            font_manager.fontManager.addfont(font)
+            font = font_manager.get_font(font).family_name
+        font_manager.findfont(font, fallback_to_default=False)
+    except (ValueError, OSError) as problem:
+        near = get_close_matches(font, font_manager.get_font_names(), 3)
+        also = f"; did you mean {' or '.join(near)}" if near else ", like DejaVu Serif, or a .ttf file"
+        raise InputError(f"font = {font!r}: there is no such font here{also}") from problem
+    math = {f"mathtext.{name}": f"{font}{kind}" for name, kind in (("rm", ""), ("it", ":italic"), ("bf", ":bold"))}
+    return {"font.family": [font, "DejaVu Sans"], "mathtext.fontset": "custom", "mathtext.default": "rm"} | math
+
+
+def is_wide() -> bool:
+    """Whether panels have room side by side."""
+    return width_cm() >= 0.1 * WIDE
+
+
+def width_cm() -> float:
+    """The width that figures have in the style in use, cm."""
+    from matplotlib import rcParams
+
+    return 2.54 * float(rcParams["figure.figsize"][0])
+
+
+def look_digest() -> str:
+    """What the style in use changes of the project's own; "" if nothing."""
+    from matplotlib import rcParams, rcParamsDefault
+
+    plain = {**rcParamsDefault, **STYLE, **FONTS}
+    changed = {k: v for k, v in rcParams.items() if k != "backend" and str(v) != str(plain[k])}
+    return str(sorted((key, str(value)) for key, value in changed.items())) if changed else ""
 
 
 def data_digest(dataset: xr.Dataset) -> str:
@@ -92,25 +167,45 @@ def shows(image: bytes, digest: str) -> bool:
     return f"tEXt{SOURCE['png']}\0{digest}".encode() in image
 
 
-def panels(rows: int, columns: int, width: float, height: float, **options: object) -> tuple[Figure, list[Axes]]:
-    """A figure of `width` by `height` cm and its panels, row by row."""
-    figure = _figure(width, height)
-    axes = figure.subplots(rows, columns, squeeze=False, **options)  # type: ignore[call-overload]
-    return figure, list(axes.ravel())
+def panels(
+    rows: int, columns: int, *heights: float, stack: bool = True, **options: Any
+) -> tuple[Figure, list[Axes]]:
+    """A figure with rows of so many cm and its panels, row by row; without room and to `stack`, one on the other.
+
+    Columns that share an axis stand below one another.
+    """
+    each = list(heights) * (rows if len(heights) == 1 else 1)
+    if not stack or columns == 1 or is_wide():
+        figure = _figure(sum(each))
+        axes = figure.subplots(rows, columns, squeeze=False, height_ratios=each, **options)
+        return figure, list(axes.ravel())
+    by_column = options.get("sharex") == "col"
+    figure, count = _figure(columns * sum(each)), rows * columns
+    order = [divmod(k, rows)[::-1] if by_column else divmod(k, columns) for k in range(count)]
+    grid, found = figure.add_gridspec(count, 1, height_ratios=[each[row] for row, _ in order]), dict[Any, Axes]()
+    for k, (row, column) in enumerate(order):
+        shared = found.get((0, column)) if by_column else None
+        found[row, column] = figure.add_subplot(grid[k], sharex=shared)
+        found[row, column].tick_params(labelbottom=not by_column or row == rows - 1)
+    return figure, [found[divmod(k, columns)] for k in range(count)]
 
 
-def mosaic(layout: Any, width: float, height: float, **options: Any) -> tuple[Figure, dict[str, Axes]]:
-    """A figure of `width` by `height` cm and its panels by their names in `layout`."""
-    figure = _figure(width, height)
-    return figure, figure.subplot_mosaic(layout, **options)
+def mosaic(layout: Any, *heights: float, stack: bool = True, **options: Any) -> tuple[Figure, dict[str, Axes]]:
+    """A figure with rows of so many cm and its panels by their names in `layout`; without room, in one column."""
+    if stack and not is_wide():
+        rows = {name: height for row, height in zip(layout, heights, strict=True) for name in row if name != "."}
+        layout, heights = [[name] for name in rows], tuple(rows.values())
+    figure = _figure(sum(heights))
+    return figure, figure.subplot_mosaic(layout, height_ratios=heights, **options)
 
 
-def _figure(width: float, height: float) -> Figure:
+def _figure(height: float) -> Figure:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width / 2.54, height / 2.54), layout="constrained")
-    # Labels of panels that span several columns reach into the margin.
-    figure.get_layout_engine().set(w_pad=0.1)  # type: ignore[union-attr, call-arg]
+    height *= 1.0 if is_wide() else 0.85
+    figure = Figure(figsize=(width_cm() / 2.54, height / 2.54), layout="constrained")
+    FigureCanvasAgg(figure)  # which measures texts
     return figure
 
 
@@ -165,11 +260,143 @@ def one_two_five(*sides: Axis) -> None:
             side.set_minor_formatter(NullFormatter())
 
 
-def fitted(title: str, width: float) -> str:
-    """A figure's title, broken where a line is longer than the figure is wide, cm, but not in `F = 9 N`."""
-    whole = re.sub(r" = [^\s,]+(?: [^\s,=]+)?", lambda found: found[0].replace(" ", "\N{NO-BREAK SPACE}"), title)
-    broken = "\n".join(fill(line, int(LETTERS * width)) for line in whole.splitlines())
-    return broken.replace("\N{NO-BREAK SPACE}", " ")
+def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = True) -> Figure:
+    """Fit titles, legends, labels and ticks to the width of a figure of `panels` or `mosaic`.
+
+    What was set is `told` below, small. Without `title` it has neither, but a `warning` in any case. The label of
+    the figure is both, for a caption.
+    """
+    from matplotlib import rc_context
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    heading, plain = figure.get_suptitle(), figure.savefig
+
+    def save(*where: Any, **how: Any) -> None:
+        with rc_context(FONTS):
+            plain(*where, **how)
+
+    figure.savefig = save  # type: ignore[method-assign]
+    figure.set_label("\n".join(filter(None, (heading, told))))
+    engine = figure.get_layout_engine()
+    if not isinstance(engine, ConstrainedLayoutEngine):
+        return figure
+    wide, high = figure.get_size_inches() * figure.dpi
+    gap = GAP / 2.54 * figure.dpi
+    lines = wrapped(figure, heading, wide - 2 * gap, "figure.titlesize").split("\n") if title and heading else []
+    below = [" ".join(lines[LINES:]), told if title else "", warning]
+    text = wrapped(figure, "; ".join(filter(None, below)), wide - 2 * gap, "font.size")
+    foot = (
+        figure.supxlabel(text, x=gap / wide, ha="left", va="bottom", fontsize=_points("font.size"))
+        if text
+        else None
+    )
+    bottom = gap + (foot.get_window_extent().height + gap if foot else 0.0)
+    key = _legend(figure, wide - 2 * gap)
+    at = bottom
+    bottom += key.get_window_extent().height + gap if key else 0.0
+    top = gap
+    figure.suptitle("\n".join(lines[:LINES]), va="top")
+    if lines:
+        top += figure._suptitle.get_window_extent().height + gap
+    total = high + bottom + top
+    figure.set_size_inches(wide / figure.dpi, total / figure.dpi)
+    figure._suptitle.set(y=1.0 - gap / total, in_layout=False)
+    if foot:
+        foot.set(y=gap / total, in_layout=False)
+    if key:
+        key.set(in_layout=False)
+        key.set_bbox_to_anchor((0.5, at / total), figure.transFigure)
+    engine.set(rect=(0.0, bottom / total, 1.0, high / total))
+    # What has room is known once panels have their places.
+    for _ in range(2):
+        engine.execute(figure)
+        for axes in figure.axes:
+            _fit(figure, axes)
+    return figure
+
+
+def _points(name: str) -> float:
+    from matplotlib import rcParams
+    from matplotlib.font_manager import FontProperties
+
+    return float(FontProperties(size=rcParams[name]).get_size_in_points())
+
+
+def wrapped(figure: Figure, text: str, width: float, size: str | float) -> str:
+    """A text broken where a line is longer than `width`, in pixels of a figure, but not in `F = 9 N`."""
+    from matplotlib.font_manager import FontProperties
+
+    font = FontProperties(size=_points(size) if isinstance(size, str) else size)
+    renderer, lines = figure.canvas.get_renderer(), list[str]()  # type: ignore[attr-defined]
+    whole = re.sub(r" = [^\s,;]+(?: [^\s,=;]+)?", lambda found: found[0].replace(" ", "\N{NO-BREAK SPACE}"), text)
+    for part in whole.splitlines():
+        line = ""
+        for word in part.split(" "):
+            longer = f"{line} {word}" if line else word
+            if line and renderer.get_text_width_height_descent(longer, font, ismath=False)[0] > width:
+                lines.append(line)
+                longer = word
+            line = longer
+        lines.append(line)
+    return "\n".join(lines).replace("\N{NO-BREAK SPACE}", " ")
+
+
+def _legend(figure: Figure, width: float) -> Any:
+    """The figure's legend in as many columns as have room."""
+    if not figure.legends:
+        return None
+    entries, most = vars(figure.legends[0])["entries"], figure.legends[0]._ncols
+    handles, texts = [*entries.values()], [*entries]
+    for columns in range(min(most, len(texts)), 0, -1):
+        figure.legends[-1].remove()
+        if columns == 1:
+            texts = [wrapped(figure, text, 0.85 * width, "legend.fontsize") for text in texts]
+        key = figure.legend(handles, texts, loc="lower center", ncols=columns, borderaxespad=0.0, borderpad=0.2)
+        if key.get_window_extent().width <= width:
+            break
+    return key
+
+
+def _fit(figure: Figure, axes: Axes) -> None:
+    """Break titles and labels that are longer than their side of a panel, and thin out ticks that touch."""
+    box = axes.get_window_extent()
+    sides = (axes.title, box.width), (axes._left_title, box.width), (axes.xaxis.label, box.width)  # type: ignore[attr-defined]
+    for text, room in (*sides, (axes.yaxis.label, box.height)):
+        if text.get_text() and text.get_visible():
+            text.set_text(wrapped(figure, text.get_text(), max(room, 40.0), text.get_fontsize()))
+    for side in (axes.xaxis, axes.yaxis):
+        while _touch(side) and _thin(side):
+            pass
+
+
+def _touch(side: Axis) -> bool:
+    """Whether labels of ticks lie on each other."""
+    ticks = side._update_ticks() if side.get_visible() and side.axes.axison else []  # type: ignore[attr-defined]
+    boxes = [
+        text.get_window_extent().expanded(1.1, 1.0)
+        for tick in ticks
+        if (text := tick.label1).get_visible() and text.get_text()
+    ]
+    return any(one.overlaps(other) for one, other in pairwise(boxes))
+
+
+def _thin(side: Axis) -> bool:
+    """Leave fewer ticks; false where that is not possible."""
+    from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullFormatter
+
+    locator, low, high = side.get_major_locator(), *sorted(side.get_view_interval())
+    count = len([place for place in side.get_majorticklocs() if low <= place <= high])
+    if count < 3 or isinstance(locator, FixedLocator):
+        return False
+    if isinstance(locator, MaxNLocator):
+        side.set_major_locator(MaxNLocator(count - 2, steps=[1, 2, 2.5, 5, 10]))
+    elif isinstance(locator, LogLocator) and len(locator._subs) > 1:  # type: ignore[attr-defined]
+        side.set_major_locator(LogLocator(subs=(1.0,) if len(locator._subs) == 2 else (1.0, 3.0)))  # type: ignore[attr-defined]
+    else:
+        places = [place for place in side.get_majorticklocs() if low <= place <= high]
+        side.set_ticks(places[::2])
+    side.set_minor_formatter(NullFormatter())
+    return True
 
 
 def place(dataset: xr.Dataset, *names: str) -> str:
@@ -216,7 +443,7 @@ def spans(axes: Axes, intervals: Iterable[Any], label: str = "", **look: Any) ->
 def letter(panels: Iterable[Axes], titles: Iterable[str]) -> None:
     """Over each panel its letter and title."""
     for k, (axes, title) in enumerate(zip(panels, titles, strict=True)):
-        axes.set_title(f"({chr(ord('a') + k)}) {title}".rstrip(), loc="left", fontsize=9.0)
+        axes.set_title(f"({chr(ord('a') + k)}) {title}".rstrip(), loc="left")
 
 
 def legend_below(figure: Figure, panels: Sequence[Axes], columns: int = 4) -> None:
@@ -226,6 +453,5 @@ def legend_below(figure: Figure, panels: Sequence[Axes], columns: int = 4) -> No
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     if entries:
-        figure.legend(
-            entries.values(), entries.keys(), loc="outside lower center", ncols=min(columns, len(entries))
-        )
+        key = figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns)
+        vars(key)["entries"] = entries  # from which `finish` makes another

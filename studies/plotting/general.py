@@ -11,7 +11,7 @@ import xarray as xr
 
 from studies import paper
 from studies.answering.results import PATHS, configuration, settings, structure_in
-from studies.answering.summary import fixed_parts, quantities
+from studies.answering.summary import quantities
 from studies.declaring import labels
 from studies.declaring.parameters import RIG, SCENE
 from studies.motion.run import REGIMES
@@ -27,9 +27,11 @@ PAPER = [("*", "tests, paper", POINT | {"V": V}) for V in paper.SPEEDS]
 PAPER += [("D", "first unstable μ, paper", POINT | {"mu": mu}) for mu, _ in paper.ONSETS]
 
 # Panels of a figure: quantities down, values of a further parameter or parameters that are drawn across.
-MOST_DOWN, MOST_ACROSS = 4, 3
+MOST_DOWN, MOST_CURVES = 4, 6
 # Rows of recorded series; the share of a run before its spectrum begins, and the segments of that.
 MOST_SERIES, BEGIN, SEGMENTS = 6, 0.3, 8
+# Below this part of its size a series is constant but for rounding.
+CONSTANT = 1e-6
 # Regimes and failed points of a map by index in `regimes.KINDS`; no parameter can be called so.
 KIND = "kind of motion"
 SERIES = ("velocity_B", "normal_force", "tangential_force", "slip_velocity")
@@ -52,24 +54,29 @@ def draw(dataset: xr.Dataset, study: Study | None = None) -> figures.Figure:
         done = done.isel({dim: 0 for dim in dims if dim not in varying and dims[0] not in PATHS})
     title = str(dataset.attrs.get("title", ""))
     if is_map and study is not None:
-        title = f"{study.title}\n{', '.join(fixed_parts(study, dataset, figure=True))}".strip()
+        over = " and ".join(labels.title(name) for name in (x, *others))
+        title = f"{study.title}: {', '.join(map(labels.title, names))} over {over}"
     thresholds = {} if study is None else study.thresholds
     if not names or not (is_map or bool((dataset["status"] == DONE).any())):
         return _draw_nothing(dataset, title)
     if dims[0] in PATHS:
         return _draw_scatter(done, names, title)
-    if len(others) > 1 or (others and (is_map or dataset.sizes[others[0]] > 2 * MOST_ACROSS)):
+    if len(others) > 1 or (others and (is_map or dataset.sizes[others[0]] > MOST_CURVES)):
         return _draw_planes(done, names, x, others, title, thresholds)
-    width, height = (16.0, 4.0 + 5.0 * len(names)) if is_map else (14.0, 3.0 + 4.0 * len(names))
-    figure, panels = figures.panels(len(names), 1, width, height, sharex=True)
+    figure, panels = figures.panels(len(names), 1, 5.0, sharex=True)
     for axes, name in zip(panels, names, strict=True):
         _draw_curves(axes, done, name, x, others, thresholds)
         if is_map:
             _mark_paper(axes, dataset, [x])
     planes.set_side(panels[-1], "x", dataset[x])
     figures.legend_below(figure, panels, 3)
-    figure.suptitle(figures.fitted(title, width))
+    figure.suptitle(title)
     return figure
+
+
+def most_across() -> int:
+    """How many panels stand side by side."""
+    return 3 if figures.is_wide() else 2
 
 
 def _is_map(dataset: xr.Dataset) -> bool:
@@ -85,11 +92,11 @@ def arranged(dataset: xr.Dataset) -> tuple[list[str], str, str | None]:
 
 
 def _draw_nothing(dataset: xr.Dataset, title: str) -> figures.Figure:
-    figure, (axes,) = figures.panels(1, 1, 12.0, 5.0)
+    figure, (axes,) = figures.panels(1, 1, 3.0)
     axes.axis("off")
     why = "no point has a number to draw" if quantities(dataset) else "no output has one number a point"
     axes.text(0.5, 0.5, why, ha="center", va="center")
-    figure.suptitle(figures.fitted(title, 12.0))
+    figure.suptitle(title)
     return figure
 
 
@@ -115,7 +122,7 @@ def _draw_curves(
         axes.set_yticks(range(len(REGIMES)), REGIMES)
     elif name in thresholds:
         axes.axhline(thresholds[name], color=figures.GREY, linewidth=0.8)
-    axes.set_ylabel(figures.fitted(labels.label(done[name], long=True), 6.0))
+    axes.set_ylabel(labels.label(done[name], long=True))
 
 
 def _draw_planes(
@@ -123,18 +130,16 @@ def _draw_planes(
 ) -> figures.Figure:
     """Planes of the two longest parameters, a row for each quantity, a column for values of a third."""
     y, *rest = others
-    across = planes.subset(done.sizes[rest[0]], MOST_ACROSS) if rest else [0]
-    size = max(13.0, 1.5 + 7.0 * len(across)), 2.5 + 6.0 * len(names)
-    size = (16.0, 4.0 + 7.5 * len(names)) if _is_map(done) else size
-    figure, panels = figures.panels(len(names), len(across), *size)
+    across = planes.subset(done.sizes[rest[0]], most_across()) if rest else [0]
+    figure, panels = figures.panels(len(names), len(across), 7.0 if _is_map(done) else 5.5, stack=False)
     for k, axes in enumerate(panels):
         name, column = names[k // len(across)], across[k % len(across)]
         at = {dim: 0 for dim in done["status"].dims if dim not in (x, y)} | ({rest[0]: column} if rest else {})
         _draw_plane(axes, done.isel(at), name, x, y, limits.get(name))
         if rest:
-            axes.set_title(labels.named(rest[0], done[rest[0]][column]), loc="left", fontsize=9.0)
+            axes.set_title(labels.named(rest[0], done[rest[0]][column]), loc="left")
     figures.legend_below(figure, panels, 3)
-    figure.suptitle(figures.fitted(title, size[0]))
+    figure.suptitle(title)
     return figure
 
 
@@ -145,10 +150,10 @@ def _draw_plane(axes: figures.Axes, at: xr.Dataset, name: str, x: str, y: str, t
         planes.classes(axes, at[KIND], x, y)
     else:
         log = {"norm": "log"} if at[name].attrs.get("units") == "N s" and values.min() > 0.0 else {}
-        text = figures.fitted(labels.label(at[name], long=True), 6.0)
+        text = labels.label(at[name], long=True)
         # Where steady sliding is stable its growth rate is grey.
         planes.numbers(axes, values, x, y, text, values <= 0.0 if name == "growth_rate" else None, **log)
-        axes.set_title("" if values.notnull().any() else "no value", fontsize=9.0)
+        axes.set_title("" if values.notnull().any() else "no value")
         planes.hatch_failed(axes, at["status"] == FAILED, x, y)
     if threshold is not None and planes.outline(axes, (at[name] > threshold).where(at[name].notnull()), x, y):
         axes.plot([], [], color="black", label=f"{labels.title(name)} {threshold:g}")
@@ -177,16 +182,16 @@ def _draw_scatter(done: xr.Dataset, names: Sequence[str], title: str) -> figures
     varied = [
         str(n) for n, c in done.coords.items() if c.dims == dims[:1] and n not in PATHS and c.dtype.kind in "if"
     ]
-    varied = varied[:MOST_ACROSS]
-    size = max(10.0, 2.0 + 5.0 * len(varied)), 2.5 + 4.0 * len(names)
-    figure, panels = figures.panels(len(names), max(len(varied), 1), *size, sharey="row", sharex="col")
+    left_out = planes.of_all(varied[: most_across()], len(varied), "parameters")
+    varied, how = varied[: most_across()], {"stack": False, "sharey": "row", "sharex": "col"}
+    figure, panels = figures.panels(len(names), max(len(varied), 1), 4.5, **how)
     for k, axes in enumerate(panels):
         name, over = names[k // max(len(varied), 1)], done[varied[k % len(varied)]] if varied else done[dims[0]]
         values = labels.readable(done[name]).transpose(dims[0], ...).values.reshape(done.sizes[dims[0]], -1)
         axes.plot(labels.readable(over).values, values, ".", color=figures.BLUE, markersize=3.0)
-        axes.set(xlabel=labels.label(over), ylabel=figures.fitted(labels.label(done[name], long=True), 6.0))
+        axes.set(xlabel=labels.label(over), ylabel=labels.label(done[name], long=True))
         axes.label_outer()
-    figure.suptitle(figures.fitted(title, size[0]))
+    figure.suptitle(f"{title}{left_out}")
     return figure
 
 
@@ -196,26 +201,37 @@ def series_of(dataset: xr.Dataset) -> list[str]:
 
 
 def draw_series(dataset: xr.Dataset, names: Sequence[str]) -> figures.Figure:
-    """A row for each point and series: over time, and its power spectral density."""
+    """For points and series: all of it, ten periods, and its power spectral density."""
     points = dataset.stack(point=[dim for dim in dataset[names[0]].dims if dim != "elapsed"])
-    chosen = planes.subset(points.sizes["point"], max(1, MOST_SERIES // len(names)))
+    most = max(1, MOST_SERIES // len(names))
+    # Those that move most, where there is no room for all.
+    moves = points[names[0]].std("elapsed").fillna(-1.0).values
+    chosen = sorted(np.argsort(-moves, kind="stable")[:most].tolist())
     rows = [(points.isel(point=k), name) for k in chosen for name in names][:MOST_SERIES]
-    figure, panels = figures.panels(len(rows), 2, 17.0, 3.0 + 3.6 * len(rows), width_ratios=(2, 1))
+    figure, panels = signals.series_panels(len(rows))
     elapsed = dataset["elapsed"].values
     rate = 1.0 / float(elapsed[1] - elapsed[0]) if len(elapsed) > 1 else 1.0
-    for (at, name), left, right in zip(rows, panels[::2], panels[1::2], strict=True):
+    for (at, name), (left, zoom, right) in zip(rows, panels, strict=True):
         values = labels.unit_of(dataset[name])[1] * at[name].values.astype(float)
         figures.trace(left, elapsed, values, color=figures.BLUE)
-        left.set_ylabel(figures.fitted(labels.label(dataset[name]), 4.0))
+        left.set_ylabel(labels.label(dataset[name]))
         place = ", ".join(labels.named(dim, at[dim]) for dim in map(str, dataset["status"].dims))
-        left.set_title(place, loc="left", fontsize=9.0)
+        left.set_title(place, loc="left")
         later = values[int(BEGIN * len(values)) :]
-        if np.isfinite(later).all() and len(later) >= 2 * SEGMENTS:
-            frequency, power = scipy.signal.welch(later, rate, nperseg=2 * len(later) // SEGMENTS)
-            signals.spectrum(right, frequency, power)
-            right.set_xlim(0.0, min(10.0, 0.5e-3 * rate))
-        right.set_ylabel(f"dB re ({labels.unit_of(dataset[name])[0]})²/Hz")
-    panels[-2].set_xlabel("time / s")
-    panels[-1].set_xlabel("frequency / kHz")
-    figure.suptitle(f"Recorded series{planes.of_all(chosen, points.sizes['point'])}")
+        right.set_ylabel(f"PSD / dB re ({labels.unit_of(dataset[name])[0]})²/Hz")
+        if (
+            not np.isfinite(later).all()
+            or len(later) < 2 * SEGMENTS
+            or np.std(later) <= CONSTANT * np.abs(values).max()
+        ):
+            for axes in (zoom, right):
+                axes.text(0.5, 0.5, "constant", transform=axes.transAxes, ha="center", va="center")
+                axes.set(xticks=[], yticks=[])
+            continue
+        frequency, power = scipy.signal.welch(later, rate, nperseg=2 * len(later) // SEGMENTS)
+        signals.spectrum(right, frequency, np.maximum(power, 1e-12 * power.max()))
+        right.set_xlim(0.0, min(10.0, 0.5e-3 * rate))
+        signals.periods(zoom, elapsed, values, float(frequency[np.argmax(power)]), color=figures.BLUE)
+    signals.name_sides(panels)
+    figure.suptitle(f"Recorded series{planes.of_all(chosen, points.sizes['point'], 'points, which move most')}")
     return figure

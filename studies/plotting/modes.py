@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 # Half the longest step of lambda along a branch, by the largest lambda; least distance of labels, by their axis.
 JUMP, APART = 0.1, 0.06
+# Markers of the first onsets, and of all further ones.
+MARKERS = "os^vpP."
+NAMED = len(MARKERS) - 1
 STABLE: Any = {"color": figures.BLACK, "label": "stable mode"}
 # The decaying partner of an unstable mode has nearly its frequency; the unstable one lies on top.
 UNSTABLE: Any = STABLE | {"color": figures.RED, "label": "unstable mode", "linewidth": 2.4, "zorder": 2.5}
@@ -43,7 +46,7 @@ def modes_figure(modes: AssembledModes, onsets: Any = (), parameter: str = "coef
         other[:] = other[linear_sum_assignment(np.where(gone, 0.0, np.nan_to_num(cost, nan=reach)))[1]]
     frequency, growth = lam.imag / (2.0 * np.pi), lam.real
     with figures.style():
-        figure, (top, bottom) = figures.panels(2, 1, 15.0, 17.0, sharex=True, height_ratios=(3.0, 2.0))
+        figure, (top, bottom) = figures.panels(2, 1, 8.5, 5.5, sharex=True)
         bottom.plot(mu, growth, **STABLE)
         draw_branches(top, bottom, mu, frequency, growth)
         top.set(ylim=(0.0, 1.05 * np.nanmax(frequency, initial=1e-9)), ylabel="frequency / Hz")
@@ -55,6 +58,7 @@ def modes_figure(modes: AssembledModes, onsets: Any = (), parameter: str = "coef
         name_growing(bottom, mu[-1], frequency[-1], growth[-1])
         figures.letter((top, bottom), ("frequency", "growth rate"))
         figures.legend_below(figure, [top], 3)
+        figures.finish(figure)
     return figure
 
 
@@ -74,19 +78,16 @@ def name_growing(axes: Axes, mu: float, hertz: Any, rates: Any) -> None:
     place: dict[str, Any] = {"xytext": (4, 0), "textcoords": "offset points", "va": "center"}
     for rate, each in sorted(((r, f) for r, f in zip(rates, hertz, strict=True) if r > 0.0), reverse=True):
         if last - rate >= apart:
-            axes.annotate(_hertz(each), (mu, last := rate), **place, color=figures.RED, fontsize=8.0)
+            axes.annotate(_hertz(each), (mu, last := rate), **place, color=figures.RED)
 
 
 def mark_onsets(axes: Axes, mu: Any, hertz: Any, unit: float = 1.0) -> None:
     """Mark flutter onsets, in Hz, on an axis of frequency in `unit` Hz."""
-    if len(mu):
-        axes.plot(mu, np.divide(hertz, unit), "o", color=figures.BLUE, label="flutter onset, model", zorder=3)
-    box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
-    for at, each in zip(mu, hertz, strict=True):
-        # Beside the unstable branch there is room below it, and above it near the bottom of the band.
-        side, offset = ("top", -6) if each / unit > 0.1 * axes.get_ylim()[1] else ("bottom", 6)
-        how: dict[str, Any] = {"textcoords": "offset points", "va": side, "color": figures.BLUE, "bbox": box}
-        axes.annotate(f"μ = {at:.4f}, {_hertz(each)}", (at, each / unit), (8, offset), **how)
+    for k, (at, each) in enumerate(zip(mu, hertz, strict=True)):
+        # In words below, where they hide no branch.
+        text = f"flutter onset at μ = {at:.4f}, {_hertz(each)}" if k < NAMED else "further flutter onsets"
+        marker = MARKERS[min(k, NAMED)]
+        axes.plot(at, each / unit, marker, color=figures.BLUE, markersize=5.0, label=text, zorder=3)
 
 
 def mark_recoveries(axes: Axes, mu: Any, hertz: Any) -> None:

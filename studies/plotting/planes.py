@@ -44,7 +44,7 @@ PAPER["slides steadily (measured)"]["color"] = figures.BLUE
 # Up to so many values each has a tick.
 FEW = 2
 # Planes across and down.
-PANELS = (4, 3)
+PANELS, PANELS_NARROW = (4, 3), (2, 3)
 
 
 def set_side(axes: figures.Axes, side: str, array: xr.DataArray) -> NDArray[Any]:
@@ -142,19 +142,23 @@ def over_others(
     data: Any, x: str, y: str, others: Sequence[str], title: str, draw: Callable[..., Any]
 ) -> figures.Figure:
     """A plane, by `draw(axes, part, x, y)`, for each value of up to two others, across and down, or for some."""
-    across, down = (subset(data.sizes[name], most) for name, most in zip(others, PANELS, strict=True))
-    width = min(2.0 + 5.0 * max(len(across), 2), 17.0)
-    figure, panels = figures.panels(len(down), len(across), width, 5.0 * len(down) + 3.5, sharex=True, sharey=True)
+    most = PANELS if figures.is_wide() else PANELS_NARROW
+    across, down = (subset(data.sizes[name], count) for name, count in zip(others, most, strict=True))
+    how: dict[str, Any] = {"stack": False, "sharex": True, "sharey": True}
+    figure, panels = figures.panels(len(down), len(across), 5.0, **how)
     for k, axes in enumerate(panels):
         at = {others[0]: across[k % len(across)], others[1]: down[k // len(across)]}
         draw(axes, data.isel(at).transpose(y, x, ...), x, y)
         varying = [name for name in others if data.sizes[name] > 1]
         text = ", ".join(labels.named(name, data[name][at[name]]) for name in varying)
-        axes.set_title(text, loc="left", fontsize=9.0)
+        axes.set_title(text, loc="left")
         axes.label_outer()
-    figures.legend_below(figure, panels, 2 if width < 14.0 else 3)
-    left_out = "".join(of_all(chosen, data.sizes[n]) for n, chosen in zip(others, (across, down), strict=True))
-    figure.suptitle(figures.fitted(f"{title}{left_out}", width))
+    figures.legend_below(figure, panels, 3)
+    left_out = "".join(
+        of_all(chosen, data.sizes[n], f"values of {labels.title(n)}")
+        for n, chosen in zip(others, (across, down), strict=True)
+    )
+    figure.suptitle(f"{title}{left_out}")
     return figure
 
 
@@ -217,6 +221,6 @@ def subset(count: int, most: int) -> list[int]:
     return [int(k) for k in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
 
 
-def of_all(chosen: Sequence[int], count: int) -> str:
+def of_all(chosen: Sequence[int], count: int, what: str) -> str:
     """The addition to a title where a subset is drawn."""
-    return f" ({len(chosen)} of {count})" if len(chosen) < count else ""
+    return f" ({len(chosen)} of {count} {what})" if len(chosen) < count else ""

@@ -25,7 +25,7 @@ def draw(
 
     Of several contacts the receptances are those of the one with the largest force under the load, N.
     """
-    figure, (left, right) = figures.panels(1, 2, 24.0, 9.5)
+    figure, (left, right) = figures.panels(1, 2, 7.5)
     elastic = structure.frequency[(structure.frequency > 0.0) & (structure.frequency < fmax)]
     low = 0.3 * min(elastic.min(initial=fmax), 0.1 * fmax)
     # Peaks are narrower than any even spacing.
@@ -58,4 +58,4 @@ def draw(
     where = f"receptances at contact {contact}" if structure.several else "receptances at the contact"
     figures.letter((left, right), (where, "least stable mode of steady sliding"))
     figure.suptitle(repr(structure))
-    return figure
+    return figures.finish(figure)

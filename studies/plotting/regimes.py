@@ -39,10 +39,8 @@ RARE, WIDE = 0.02, 10.0
 def draw(dataset: xr.Dataset) -> figures.Figure:
     """Regimes and the motion over two parameters, planes of regimes over more, or all along one."""
     x, y, others = arranged(dataset)
-    single = [labels.named(name, dataset[name][0]) for name in (*others, x, y) if dataset.sizes[name] == 1]
     count = int(dataset["members"])
-    about = [*single, f"{count} realisation{'s' * (count > 1)} of a scene", regimes.damping_text(dataset)]
-    title = f"Regimes: {', '.join(about)}"
+    title = f"Regimes, {count} realisation{'s' * (count > 1)} of a scene"
     if dataset.sizes[y] == 1:
         return _draw_along(dataset.isel({name: 0 for name in (y, *others)}), x, title)
     if any(dataset.sizes[name] > 1 for name in others):
@@ -54,8 +52,7 @@ def draw_planes(dataset: xr.Dataset) -> figures.Figure:
     """Regimes over the two longest parameters, a panel for each value of up to two others."""
     dims = [str(dim) for dim in dataset["status"].dims]
     x, y, *others = sorted(dims, key=lambda dim: -dataset.sizes[dim])
-    single = [labels.named(dim, dataset[dim][0]) for dim in dims if dataset.sizes[dim] == 1]
-    return planes.over_others(dataset, x, y, others, ", ".join(["Regime of the motion", *single]), plane)
+    return planes.over_others(dataset, x, y, others, "Regime of the motion", plane)
 
 
 def arranged(dataset: xr.Dataset) -> tuple[str, str, list[str]]:
@@ -102,14 +99,11 @@ def _draw_onset(axes: figures.Axes, point: xr.Dataset, x: str, y: str) -> None:
 
 def _draw_plane(point: xr.Dataset, x: str, y: str, title: str) -> figures.Figure:
     """A plane of regimes, and below it what the motion is like."""
-    layout = [["regime", "regime", "key"], list(QUANTITIES)]
-    figure, panels = figures.mosaic(layout, 17.0, 15.0, height_ratios=(1.5, 1.0))
-    top, key = panels.pop("regime"), panels.pop("key")
-    key.axis("off")
-    key.text(0.0, 0.0, "white in (c), (d): no vibration", fontsize=8.0)
+    figure, panels = figures.mosaic([["regime"] * len(QUANTITIES), list(QUANTITIES)], 7.0, 6.0)
+    top = panels.pop("regime")
     plane(top, point, x, y)
-    entries = dict(zip(*top.get_legend_handles_labels()[::-1], strict=True))
-    key.legend(entries.values(), entries.keys(), loc="upper left", borderaxespad=0.0)
+    top.fill_between([], [], facecolor="white", edgecolor=figures.GREY, label="white in (c), (d):\nno vibration")
+    figures.legend_below(figure, [top])
     for name, axes in panels.items():
         array, options = _quantity(point, name), dict[str, Any](vmin=0.0, vmax=1.0)
         if name != "stick_fraction" and array.notnull().any():
@@ -123,7 +117,7 @@ def _draw_plane(point: xr.Dataset, x: str, y: str, title: str) -> figures.Figure
         planes.mark_mixed(axes, point, x, y)
         axes.label_outer()
     figures.letter([top, *panels.values()], ["regime", *(labels.label(point[name]) for name in panels)])
-    figure.suptitle(figures.fitted(title, 17.0))
+    figure.suptitle(title)
     return figure
 
 
@@ -135,7 +129,7 @@ def _quantity(point: xr.Dataset, name: str) -> xr.DataArray:
 
 def _draw_along(point: xr.Dataset, x: str, title: str) -> figures.Figure:
     """The same along one parameter: the spread of the realisations, marked by the regime."""
-    figure, panels = figures.panels(len(QUANTITIES), 1, 15.0, 16.0, sharex=True)
+    figure, panels = figures.panels(len(QUANTITIES), 1, 4.5, sharex=True)
     values, codes = labels.readable(point[x]).values, regimes.kinds(point)
     for axes, name in zip(panels, QUANTITIES, strict=True):
         spread = labels.readable(point[f"{name}_std"]).values
@@ -143,10 +137,10 @@ def _draw_along(point: xr.Dataset, x: str, title: str) -> figures.Figure:
         planes.draw_mixed(axes, point, x, name)
         if x == "mu" and np.isfinite(point["onset_mu"]):
             axes.axvline(float(point["onset_mu"]), **ONSET)
-        axes.set_ylabel(figures.fitted(labels.label(point[name]), 6.0))
+        axes.set_ylabel(labels.label(point[name]))
     panels[0].set_ylim(0.0, 1.0)
     planes.set_side(panels[-1], "x", point[x])
     figures.legend_below(figure, panels, 4)
     note = "mean (of the frequency: middle) and standard deviation of the realisations"
-    figure.suptitle(figures.fitted(f"{title}\n{note}", 15.0))
+    figure.suptitle(f"{title}: {note}")
     return figure

@@ -24,6 +24,8 @@ CURVES = {SLIP: ("-", figures.BLUE), SEPARATION: ("--", figures.ORANGE), STICK: 
 SLOPE, NOTHING = 0.1, 1e-9
 # Where the number of a phase is written, points from its middle.
 OFFSETS = {1: (0, 11), 2: (14, -6), 3: (0, -12), 4: (-8, 13)}
+# In the zoom of a series.
+PERIODS = 10
 PHASES = "(1) stick, (2) slip, (3) separation, (4) slip"
 
 
@@ -38,6 +40,36 @@ def finish_spectra(axes: figures.Axes, depth: float) -> None:
     low, top = axes.get_ylim()
     axes.set(xlim=(0.0, 1e-3 * run.BAND), ylim=(max(low, top - depth), top))
     axes.set(xlabel="frequency / kHz", ylabel="PSD / dB re 1 (m/s)²/Hz")
+
+
+def series_panels(rows: int) -> tuple[figures.Figure, list[list[figures.Axes]]]:
+    """A figure with three panels a row, of a series, a part of it, and its spectrum; without room in two lines."""
+    names = [[f"{kind} {k}" for kind in ("all", "part", "spectrum")] for k in range(rows)]
+    layout, height = names, 3.9
+    if not figures.is_wide():
+        layout, height = [each for row in names for each in (row[:1] * 2, row[1:])], 3.8
+    figure, panels = figures.mosaic(layout, *[height] * len(layout), stack=False)
+    return figure, [[panels[name] for name in row] for row in names]
+
+
+def name_sides(panels: Sequence[Sequence[figures.Axes]]) -> None:
+    """Letters of the panels, and what stands across, below the last of each column."""
+    for texts in (("time since the drive started / s", "time / ms", "frequency / kHz"),):
+        for axes, text in zip(panels[-1], texts, strict=True):
+            axes.set_xlabel(text)
+    flat = [axes for row in panels for axes in row]
+    figures.letter(flat, [axes.get_title("left") for axes in flat])
+
+
+def periods(axes: figures.Axes, time: Any, values: Any, hertz: float, **look: Any) -> None:
+    """Ten periods of `hertz` of a series, where it moves most in its second half."""
+    step = time[1] - time[0]
+    count = min(int(np.ceil(PERIODS / hertz / step)) if hertz > 0.0 else len(time), len(time) // 2)
+    starts = np.arange(len(time) // 2, len(time) - count + 1, max(count // 2, 1))
+    begin = int(max(starts, key=lambda k: np.std(values[k : k + count]), default=len(time) // 2))
+    part = slice(begin, begin + count)
+    axes.plot(1e3 * (time[part] - time[begin]), values[part], linewidth=0.9, **look)
+    axes.set_title(f"{PERIODS} periods from {time[begin]:.4g} s", loc="left")
 
 
 def mark_lines(axes: figures.Axes, hertz: Iterable[float], style: str, text: str) -> None:

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Collection, Mapping
 from numbers import Real
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -38,9 +39,20 @@ class Accessor:
         """The study's summary, as ``fiv run`` prints it."""
         return summary.text(summary.parts(runner.study_of(self._dataset), self._dataset))
 
-    def plot(self) -> Any:
-        """The study's figure, a `matplotlib.figure.Figure`."""
-        return runner.draw(runner.study_of(self._dataset), self._dataset)[""]
+    def plot(
+        self,
+        width: float | str | None = None,
+        title: bool = True,
+        font: str | None = None,
+        style: str | PathLike[str] | None = None,
+    ) -> Any:
+        """The study's figure, a `matplotlib.figure.Figure`, as ``fiv plot`` draws it.
+
+        `width` is in m, or text like "88mm"; `font` is a family or a font file; `style` is a style sheet of
+        Matplotlib, by its name or file.
+        """
+        look: dict[str, Any] = {"width": width, "font": font, "sheet": style}
+        return runner.draw(runner.study_of(self._dataset), self._dataset, title=title, **look)[""]
 
     def scene(self, **at: float | str) -> Scene:
         """The scene where axes have the values `at`, or near ones: ``data.fiv.scene(V=2e-3)``."""

@@ -97,12 +97,12 @@ def figure(data: xr.Dataset) -> Any:
     code, nearest = outcomes(data), data["margin"].max("check")
     nearest = nearest.where(code == 0, REFUSED).where(code != FAILS, BROKEN).where(code <= FAILS)
     rows, failed = [len(set(data["group"].values)) + 1, data.sizes["check"]], int((code == FAILS).sum()) or "none"
-    figure, panels = figures.panels(2, 1, 17.0, 5.0 + 0.7 * sum(rows), sharex=True, height_ratios=rows)
+    figure, panels = figures.panels(2, 1, *(1.0 + 0.55 * row for row in rows), sharex=True)
     _draw_strips(panels[0], nearest.assign_coords(group=data["group"]), "group")
     _draw_strips(panels[1], data["margin"], "check")
     figures.letter(panels, ("cases by group: the check that came nearest to failing", "every check"))
     panels[1].set_xlabel("margin: value / bound of the check; from 1 on a case fails")
-    figure.suptitle(f"{data.sizes['case']} cases under stress,\n{DAMPING}: {failed} failed")
+    figure.suptitle(f"{data.sizes['case']} cases under stress, {DAMPING}: {failed} failed")
     figures.legend_below(figure, panels)
     return figure
 
