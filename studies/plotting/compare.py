@@ -22,7 +22,7 @@ THIN, THICK = 0.7, 2.2
 
 def draw(pair: Mapping[str, xr.Dataset], note: str) -> figures.Figure:
     """Draw results of study fig5 by the names of their rigs, with a `note` on the settings below."""
-    figure, (top, bottom) = figures.panels(2, 1, 15.0, 16.5, sharex=True, height_ratios=(3.0, 2.0))
+    figure, (top, bottom) = figures.panels(2, 1, 8.5, 5.5, sharex=True)
     for (name, data), look in zip(pair.items(), LOOKS, strict=True):
         line = {key: value for key, value in look.items() if key != "marker"}
         mu, frequency, growth = (data[each].values for each in ("mu", "frequency", "growth_rate"))
@@ -45,9 +45,7 @@ def draw(pair: Mapping[str, xr.Dataset], note: str) -> figures.Figure:
     figures.letter((top, bottom), ("frequency", "growth rate of unstable modes"))
     figures.legend_below(figure, [top], 3)
     figure.suptitle(f"Steady sliding of the rigs {' and '.join(pair)}")
-    below: Any = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "top", "fontsize": 7.0}
-    bottom.annotate(figures.fitted(note, 19.0), (0.0, 0.0), (0.0, -32.0), **below)
-    return figure
+    return figures.finish(figure, note)
 
 
 def _once(label: str, curves: Any) -> list[str]:

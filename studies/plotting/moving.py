@@ -210,11 +210,10 @@ def draw(moving: Moving) -> tuple[Figure, Callable[[int], None]]:
     low, high = np.min([still, *drawn], axis=(0, 1)), np.max([still, *drawn], axis=(0, 1))
     edge = 0.06 * float((high - low).max())
     tall = float(np.clip(14.0 * (high[1] - low[1] + 2.0 * edge) / (high[0] - low[0] + 2.0 * edge), 4.0, 14.0))
-    heights = (tall, *[2.5] * len(series))
-    figure, (scene, *strips) = figures.panels(len(heights), 1, 16.0, sum(heights) + 2.0, height_ratios=heights)
+    figure, (scene, *strips) = figures.panels(1 + len(series), 1, tall + 1.5, *[2.6] * len(series))
     scene.set(xlim=(low[0] - edge, high[0] + edge), ylim=(low[1] - edge, high[1] + edge), aspect="equal")
     scene.set_axis_off()
-    figure.suptitle(figures.fitted(moving.caption, 16.0))
+    figure.suptitle(moving.caption)
     look: Any = {"colors": figures.GREY, "linewidths": 0.7, "linestyles": "--"}
     scene.add_collection(LineCollection([still[nodes] for _, nodes in moving.lines], **look))
     lines = LineCollection([], colors=figures.BLACK, linewidths=2.0 if len(moving.lines) < 9 else 0.6)
@@ -240,7 +239,7 @@ def draw(moving: Moving) -> tuple[Figure, Callable[[int], None]]:
             cursor.set_xdata([k / len(drawn)])
 
     show(0)
-    return figure, show
+    return figures.finish(figure), show
 
 
 def _strip(axes: Axes, name: str, moving: Moving) -> Any:
