@@ -91,7 +91,7 @@ def structure_arguments(path: str | Path) -> tuple[str, dict[str, Any]]:
     node and a direction for each row. In place of matrices, `modes` is a file for `read_modes`, or each table
     [[mode]] is a mode.
 
-    `positions`, a text file with node, x, y, z, or a universal file, keeps the shapes of modes at nodes.
+    `positions`, a text file with node, x, y, z, keeps the shapes of modes at nodes.
 
     Of several contacts `normal` and `tangential` are lists, or `contacts` is a list of tables {normal, tangential,
     gap, friction}, or {pairs = [[12, 40], ...], normal = "y", tangential = "x", ...}: gaps of the first nodes over
@@ -268,27 +268,10 @@ def _positions(content: Mapping[str, Any], folder: Path) -> dict[int, Array]:
         return {}
     with reading(f"positions = {checks.short(content['positions'])}"):
         file = _file(folder, content["positions"])
-        if file.suffix.lower() in (".uff", ".unv"):
-            opened, kinds = universal_file(file)
-            sets = [opened.read_sets(int(place)) for place in np.flatnonzero(np.isin(kinds, (15, 2411)))]
-            if not sets:
-                raise InputError("it has no positions of nodes (data set 15 or 2411)")
-            table = np.concatenate([np.stack([each[x] for x in ("node_nums", *"xyz")], axis=1) for each in sets])
-            table[:, 1:] /= _units(opened, kinds)[0]
-        else:
-            table = np.loadtxt(_decimal(file.read_text("utf-8-sig").replace(",", " ").splitlines()), ndmin=2)
+        table = np.loadtxt(_decimal(file.read_text("utf-8-sig").replace(",", " ").splitlines()), ndmin=2)
         if table.shape[1] not in (3, 4) or (table[:, 0] % 1).any() or not np.isfinite(table).all():
             raise InputError("its lines must be node, x, y, z")
         return {int(node): np.pad(place, (0, 3 - len(place))) for node, *place in table}
-
-
-def _units(file: Any, kinds: Any) -> tuple[float, float]:
-    """How many units of length and of force of a universal file are a metre and a newton."""
-    systems = [file.read_sets(int(place)) for place in np.flatnonzero(kinds == 164)]
-    units = {(each["length"], each["force"]) for each in systems} or {(1.0, 1.0)}
-    if len(units) > 1:
-        raise InputError(f"its units (data set 164) differ: {units}")
-    return units.pop()
 
 
 def _universal(path: Path, rows: Mapping[str, Any], positions: Mapping[int, Array] | None) -> dict[str, Any]:
@@ -300,7 +283,12 @@ def _universal(path: Path, rows: Mapping[str, Any], positions: Mapping[int, Arra
         raise InputError(text)
     nodes, shapes, frequency, mass, ratios = (np.array(each) for each in zip(*modes, strict=True))
     shapes = shapes / np.sqrt(np.where(mass, mass, 1.0))[:, None, None]
-    length, force = _units(file, kinds)
+    systems = [file.read_sets(int(place)) for place in np.flatnonzero(kinds == 164)]
+    units = {(each["length"], each["force"]) for each in systems} or {(1.0, 1.0)}
+    if len(units) > 1:
+        raise InputError(f"its units (data set 164) differ: {units}")
+    # How many units of length and of force are a metre and a newton.
+    length, force = units.pop()
     shapes *= np.sqrt(force / length) * np.array([1.0] * 3 + [length] * 3)[: shapes.shape[2]]
     labels = [(node, dof) for node in nodes[0] for dof in range(1, shapes.shape[2] + 1)]
     found = {"frequency": frequency} | ({"damping_ratio": ratios} if ratios.any() else {})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -255,29 +255,22 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png", **l
     return paths
 
 
-def animate(moving: Iterable[Moving], beside: Path, form: str | None, vtu: bool) -> list[Path]:
-    """Write what moves beside a file: a film in the form gif or mp4, a series for ParaView; the paths of both.
-
-    Of several the paths are numbered.
-    """
+def animate(moving: Sequence[Moving], beside: Path, form: str | None, vtu: bool) -> list[Path]:
+    """Write what moves beside a file, numbered if several: a film (gif, mp4), a series for ParaView; the paths."""
     from studies.plotting import moving as moved
 
-    shown, paths = list(moving), list[Path]()
-    for k, each in enumerate(shown, 1):
-        stem = f"{beside.stem}-{k}" if len(shown) > 1 else beside.stem
-        if form:
-            paths.append(beside.with_name(f"{stem}.{form}"))
-            with written(paths[-1]) as temporary:
-                temporary.write_bytes(moved.film(each, form))
+    files = dict[str, bytes]()
+    for k, each in enumerate(moving, 1):
+        stem = f"{beside.stem}-{k}" if len(moving) > 1 else beside.stem
+        files |= {f"{stem}.{form}": moved.film(each, form)} if form else {}
         if vtu:
             names = [f"{stem}-frames/{frame:03}.vtu" for frame in range(len(each.moved))]
-            for frame, name in enumerate(names):
-                with written(beside.parent / name) as temporary:
-                    temporary.write_text(moved.vtu(each, frame), encoding="ascii")
-            paths.append(beside.with_name(f"{stem}.pvd"))
-            with written(paths[-1]) as temporary:
-                temporary.write_text(moved.pvd(each, names), encoding="ascii")
-    return paths
+            files |= {name: moved.vtu(each, frame).encode() for frame, name in enumerate(names)}
+            files[f"{stem}.pvd"] = moved.pvd(each, names).encode()
+    for name, content in files.items():
+        with written(beside.parent / name) as temporary:
+            temporary.write_bytes(content)
+    return [beside.with_name(name) for name in files if "/" not in name]
 
 
 def moving_of(study: Study, dataset: xr.Dataset) -> list[Moving]:

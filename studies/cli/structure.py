@@ -25,17 +25,12 @@ MU = click.option("--mu", type=float, default=1.0, show_default=True, help="Larg
 LOAD = click.option("--load", default="1N", show_default=True, help="Load under which several contacts are shown.")
 
 
-AT = click.option(
-    "--at", type=float, metavar="MU", help="Friction of the modes; default: just above the first onset."
-)
-MODES = click.option(
-    "--modes", type=click.Path(), help="Write modes to a FILE.npz or .uff: contact open, and sliding."
-)
+AT = click.option("--at", type=float, metavar="MU", help="Friction of the modes; default: at the first onset.")
+MODES = click.option("--modes", type=click.Path(), help="Write the open and the sliding modes: FILE.npz or .uff.")
+TITLE = "What was read of an own structure, with a figure."
 
 
-@command(
-    "structure", "What was read of an own structure, with a figure.", FILE, OUT, FMAX, MU, LOAD, AT, MODES, *MOVING
-)
+@command("structure", TITLE, FILE, OUT, FMAX, MU, LOAD, AT, MODES, *MOVING)
 def structure(
     file: str, out: str | None, fmax: str, mu: float, load: str,
     at: float | None, modes: str | None, film: str | None, vtu: bool,
@@ -58,8 +53,8 @@ def structure(
     `contacts` is one of tables with these and `gap` (m, 0 if not given) and `friction` (factor of mu, 1), or
     pairs of nodes: contacts = {pairs = [[12, 40], [13, 41]], normal = "y", tangential = "x"}.
 
-    With `positions`, a file with node, x, y, z (m), or a universal file, modes are brought back to the nodes:
-    --animate and --vtu show the sliding mode that grows fastest, --modes writes all modes below --fmax.
+    With `positions`, a file with node, x, y, z (m), modes are brought back to the nodes: --animate and --vtu show
+    the sliding mode that grows fastest, --modes writes all below --fmax.
 
     From Nastran, with pyNastran in another environment, for it needs an older NumPy; the punch file (EXTRN) lists
     node and direction of the rows, for rows.txt:
@@ -91,9 +86,7 @@ def structure(
     band = checks.band(spec.one(fmax, "fmax", "Hz"))
     mu = checks.between("--mu", mu, 1e-6, 1e3, "a coefficient of friction")
     own: Any = own_structure(file)
-    if modes:
-        mode_files.check(expanded(modes), own)
-    if film or vtu:
+    if film or vtu or (modes and not modes.endswith(".npz")):
         own.displacement(0.0 * own.frequency)  # before all else is computed
     force = checks.between("--load", spec.one(load, "load", "N"), 1e-100, 1e100, "N")
     show("\n".join(described(own)))
@@ -119,9 +112,9 @@ def structure(
         first = 1.001 * float(onsets.mu[0]) if onsets is not None and len(onsets.mu) else 0.0
         sliding = sliding_modes(own, 0.0, first if at is None else at, band, F=force)
         if modes:
-            with written(expanded(modes)) as temporary:
-                mode_files.write(temporary, own, sliding, expanded(modes).suffix.lower())
-            paths.append(expanded(modes))
+            with written(path := expanded(modes)) as temporary:
+                mode_files.write(temporary, path.suffix.lower(), own, sliding)
+            paths.append(path)
         paths += animate([moving.sliding(own, sliding)], target, film, vtu) if film or vtu else []
     say("\nwritten: " + ", ".join(map(str, paths)))
 

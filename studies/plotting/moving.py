@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -27,13 +26,12 @@ if TYPE_CHECKING:
 
 Array = np.ndarray[Any, Any]
 # Frames of a mode, and at most of a film; how long a period is shown, s; the largest displacement as drawn, of the
-# extent; speeds at most.
-FRAMES, FILMED, SHOWN, DRAWN, COLUMNS = 48, 100, 2.0, 0.045, 3
+# extent; speeds at most; one frame of so many samples of a limit cycle.
+FRAMES, FILMED, SHOWN, DRAWN, COLUMNS, EVERY = 48, 100, 2.0, 0.045, 3, 5
 # Colour and marker of the contact.
 STATES = {SEPARATION: (figures.ORANGE, "o"), STICK: (figures.BLACK, "s"), SLIP: (figures.BLUE, "o")}
-# VTK's types of a vertex and a line, by their number of nodes, and of numbers.
+# VTK's types of a vertex and a line, by their number of nodes.
 VTK_TYPES = {1: 1, 2: 3}
-KINDS = {"Float64": "f8", "Int64": "i8", "UInt8": "u1"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,20 +42,16 @@ class Moving:
     ----------
     title, note : str
         What moves; how it is drawn.
-    seconds, periods : float
-        The time that all frames take, and how many periods it has.
-    place : ndarray, (nodes, 3)
-        Undeformed, m.
-    moved : ndarray, (frames, nodes, 3)
-        Displacement; m, or of a mode in units of the largest.
+    seconds, loop : float
+        The time that all frames take, and how long they are shown, s.
+    place, moved : ndarray, (nodes, 3) and (frames, nodes, 3)
+        Undeformed, m; displacement, m, or of a mode in units of the largest.
     scale : float
         Factor of displacements as drawn.
     lines : sequence of (str, ndarray)
-        Names and the nodes that a line goes through.
-    points : mapping of str to int
-        Nodes with a name; the state of the contact colours C.
-    state : ndarray, (frames,), or None
-        Codes as in `run.STATES`.
+        Names and the nodes that a line goes through; without any the nodes are drawn.
+    tip : int or None
+        The node C, in the colour of `state`, (frames,), codes as in `run.STATES`.
     series : mapping of str to ndarray, (frames,)
         Drawn over time, in readers' units.
     """
@@ -65,19 +59,14 @@ class Moving:
     title: str
     note: str
     seconds: float
-    periods: float
+    loop: float
     place: Array
     moved: Array
     scale: float
     lines: Sequence[tuple[str, Array]]
-    points: Mapping[str, int] = field(default_factory=dict)
-    state: Array | None = None
+    tip: int | None = None
+    state: Array = field(default_factory=lambda: np.array([], int))
     series: Mapping[str, Array] = field(default_factory=dict)
-
-    @property
-    def loop(self) -> float:
-        """How long it is shown, s."""
-        return SHOWN * self.periods
 
     @property
     def caption(self) -> str:
@@ -90,12 +79,6 @@ class Moving:
         plane = np.sort(np.argsort(-np.ptp(self.place, axis=0), kind="stable")[:2])
         return np.stack([self.place, *(self.place + self.scale * self.moved)])[..., plane]
 
-    def every(self, step: int) -> Moving:
-        """With one frame of `step`."""
-        state = None if self.state is None else self.state[::step]
-        series = {name: value[::step] for name, value in self.series.items()}
-        return replace(self, state=state, moved=self.moved[::step], series=series)
-
 
 def oscillating(
     title: str, hertz: float, place: Array, shape: Array, lines: Sequence[tuple[str, Array]], **more: Any
@@ -105,7 +88,7 @@ def oscillating(
     shape = shape / np.linalg.norm(np.abs(shape), axis=-1).max()
     scale = DRAWN * float(np.ptp(place, axis=0).max())
     moved = (phases[:, None, None] * shape).real
-    return Moving(title, "Not to scale", 1.0 / max(hertz, 1e-9), 1.0, place, moved, scale, lines, **more)
+    return Moving(title, "Not to scale", 1.0 / hertz, SHOWN, place, moved, scale, lines, **more)
 
 
 def mode(dataset: xr.Dataset) -> Iterator[Moving]:
@@ -114,7 +97,7 @@ def mode(dataset: xr.Dataset) -> Iterator[Moving]:
     shape = [dataset[f"shape_{x}_real"].values + 1j * dataset[f"shape_{x}_imag"].values for x in "xy"]
     beam, hertz = dataset["beam"].values, float(dataset["lock_in_frequency"])
     title = f"Unstable mode at lock-in, μ = {float(dataset['lock_in_mu']):.4f}, {hertz:.0f} Hz"
-    of: Any = {"points": {"C": int(np.flatnonzero(beam == 1)[-1])}, "state": np.full(FRAMES, SLIP)}
+    of: Any = {"tip": int(np.flatnonzero(beam == 1)[-1]), "state": np.full(FRAMES, SLIP)}
     yield oscillating(title, hertz, place, np.stack([*shape, 0.0 * shape[0]], axis=1), _beams(beam), **of)
 
 
@@ -146,18 +129,14 @@ def contact(dataset: xr.Dataset) -> Iterator[Moving]:
         slip, step = window["slip_displacement"].values, float(np.diff(window["elapsed"].values).mean())
         slip = slip - 0.5 * (slip.min() + slip.max())
         wide = 0.75 * float(np.ptp(slip)) or 1e-9
-        place = wide * np.array(
-            [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0] * 3, [np.sin(theta), np.cos(theta), 0.0]]
-        )
+        place = wide * np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0] * 3, [0.0] * 3])
+        place[3, :2] = 0.6 * wide * np.array([np.sin(theta), np.cos(theta)])
         moved = np.zeros((len(slip), 4, 3))
         moved[:, 2:, 0] = slip[:, None]
-        place[3] *= 0.6
-        lines = [("P1", np.array([3, 2])), ("P2", np.array([0, 1]))]
+        title, lines = f"Contact at {speed}", [("P1", np.array([3, 2])), ("P2", np.array([0, 1]))]
         note = f"Seen from P2, {2e6 * wide:.2g} μm of which are shown; the gap is not stored"
-        length, count = len(slip) * step, (last - first) / (one - first)
-        yield Moving(
-            f"Contact at {speed}", note, length, count, place, moved, 1.0, lines, {"C": 2}, **_forces(window)
-        )
+        loop = SHOWN * (last - first) / (one - first)
+        yield Moving(title, note, len(slip) * step, loop, place, moved, 1.0, lines, 2, **_forces(window))
         if np.isfinite(float(point["cycle_frequency"])) and not results.structure_in(dataset):
             yield on_cycle(dataset, point)
 
@@ -169,12 +148,13 @@ def _forces(point: xr.Dataset, of: str = "") -> dict[str, Any]:
     return {"state": point[f"{of}state"].values.astype(int), "series": series}
 
 
-def on_cycle(dataset: xr.Dataset, point: xr.Dataset, frames: int = 200) -> Moving:
+def on_cycle(dataset: xr.Dataset, point: xr.Dataset) -> Moving:
     """Both beams on the limit cycle: their response to the contact forces that the cycle has stored."""
     theta, hertz = float(point["theta"]), float(point["cycle_frequency"])
     rig: Any = with_numerical_damping(results.rig_of(dataset), "fast", str(point["numerical_damping"].values))
-    of, N = _forces(point, "cycle_"), point["cycle_normal_force"].values
-    displacement = beams_under(rig, theta, hertz, N, N * point["cycle_apparent_friction"].values)
+    N, every = point["cycle_normal_force"].values, slice(None, None, EVERY)
+    displacement = beams_under(rig, theta, hertz, N, N * point["cycle_apparent_friction"].values)[every]
+    of = _forces(point.isel(phase=every), "cycle_")
     beam = np.repeat([1, 2], [rig.p1.elements + 1, rig.p2.elements + 1])
     place = np.pad(node_positions(rig, theta), ((0, 0), (0, 1)))
     moved, tip = np.pad(displacement, ((0, 0), (0, 0), (0, 1))), rig.p1.elements
@@ -186,8 +166,7 @@ def on_cycle(dataset: xr.Dataset, point: xr.Dataset, frames: int = 200) -> Movin
     kind = "stable" if float(point["cycle_multiplier"]) < 1.0 else "unstable"
     title = f"Limit cycle at {labels.named('V', point['V'])}, {hertz:.0f} Hz, {kind}"
     note = f"Displacements from the mean are drawn {labels.number(scale)} times larger"
-    whole = Moving(title, note, 1.0 / hertz, 1.0, place, moved, scale, _beams(beam), {"C": tip}, **of)
-    return whole.every(max(1, len(moved) // frames))
+    return Moving(title, note, 1.0 / hertz, SHOWN, place, moved, scale, _beams(beam), tip, **of)
 
 
 def beams_under(rig: Rig, theta: float, hertz: float, N: Array, T: Array) -> Array:
@@ -222,18 +201,16 @@ def draw(moving: Moving) -> tuple[Figure, Callable[[int], None]]:
     (nodes,) = scene.plot([], [], color=figures.BLACK, **marker)
     for name, along in moving.lines:
         scene.annotate(name, still[along[-1 if name == "P2" else 0]], (4, 6), textcoords="offset points")
-    marks = {at: scene.plot([], [], "o", markersize=9.0, zorder=4.0)[0] for at in moving.points.values()}
+    (tip,) = scene.plot([], [], "o", markersize=9.0, zorder=4.0)
     word = scene.text(0.01, 1.0, "", transform=scene.transAxes, va="top")
     cursors = [_strip(axes, name, moving) for axes, name in zip(strips, series, strict=True)]
 
     def show(k: int) -> None:
         lines.set_segments([drawn[k][along] for _, along in moving.lines])
         nodes.set_data(*drawn[k].T)
-        for at, mark in marks.items():
-            colour, marker = (figures.BLACK, "o") if state is None else STATES[int(state[k])]
-            x, y = drawn[k][at]
-            mark.set(xdata=[x], ydata=[y], color=colour, marker=marker)
-        if state is not None:
+        if moving.tip is not None:
+            colour, marker = STATES[int(state[k])]
+            tip.set(data=drawn[k][moving.tip][:, None], color=colour, marker=marker)
             word.set_text(f"C: {run.STATES[int(state[k])]}")
         for cursor in cursors:
             cursor.set_xdata([k / len(drawn)])
@@ -259,16 +236,16 @@ def film(moving: Moving, form: str) -> bytes:
 
     if form == "mp4" and not animation.writers.is_available("ffmpeg"):
         raise InputError("--animate mp4: ffmpeg is not installed; install it, or write --animate gif")
-    shown = moving.every(-(-len(moving.moved) // FILMED))
+    frames = range(0, len(moving.moved), -(-len(moving.moved) // FILMED))
     kind: Any = animation.PillowWriter if form == "gif" else animation.FFMpegWriter
-    writer = kind(fps=len(shown.moved) / moving.loop)
+    writer = kind(fps=len(frames) / moving.loop)
     with figures.style(), TemporaryDirectory() as folder:
-        figure, show = draw(shown)
+        figure, show = draw(moving)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
         # The writers know the form by the file's name.
         with writer.saving(figure, file := f"{folder}/film.{form}", 100):
-            for k in range(len(shown.moved)):
+            for k in frames:
                 show(k)
                 writer.grab_frame()
         return Path(file).read_bytes()
@@ -276,44 +253,32 @@ def film(moving: Moving, form: str) -> bytes:
 
 def vtu(moving: Moving, k: int) -> str:
     """A frame as VTK's XML file of an unstructured grid: nodes as drawn, their displacement and its amplitude."""
-    place = moving.place + moving.scale * moving.moved[k]
-    numbered = enumerate(nodes for _, nodes in moving.lines)
-    pieces = [np.column_stack([nodes[:-1], nodes[1:], np.full(len(nodes) - 1, k)]) for k, nodes in numbered]
+    place, moved = moving.place + moving.scale * moving.moved[k], moving.moved[k]
+    numbered = enumerate((nodes for _, nodes in moving.lines), 1)
+    pieces = [np.column_stack([nodes[:-1], nodes[1:], np.full(len(nodes) - 1, n)]) for n, nodes in numbered]
     # Lines of two nodes, which every reader knows; without lines the nodes.
-    vertices = np.column_stack([np.arange(len(place)), np.zeros(len(place), int)])
-    *nodes, line = np.concatenate(pieces or [vertices]).T
+    *nodes, line = np.concatenate(pieces or [np.tile(np.arange(len(place))[:, None], 2)]).T
+    at_nodes = [("displacement", "Float64", moved), ("amplitude", "Float64", np.linalg.norm(moved, axis=1))]
+    at_nodes += [("state", "Int8", np.full(len(place), moving.state[k]))] if len(moving.state) else []
     parts = {
-        "FieldData": [] if moving.state is None else [("state", moving.state[k : k + 1], "Int64")],
-        "PointData": [
-            ("displacement", moving.moved[k], "Float64"),
-            ("amplitude", np.linalg.norm(moving.moved[k], axis=1), "Float64"),
-        ],
-        "CellData": [("line", line + 1, "Int64")],
-        "Points": [("points", place, "Float64")],
+        "PointData": at_nodes,
+        "CellData": [("line", "Int32", line)],
+        "Points": [("points", "Float64", place)],
         "Cells": [
-            ("connectivity", np.ravel(nodes, "F"), "Int64"),
-            ("offsets", len(nodes) * np.arange(1, len(line) + 1), "Int64"),
-            ("types", np.full(len(line), VTK_TYPES[len(nodes)]), "UInt8"),
+            ("connectivity", "Int32", np.ravel(nodes, "F")),
+            ("offsets", "Int32", len(nodes) * np.arange(1, len(line) + 1)),
+            ("types", "UInt8", np.full(len(line), VTK_TYPES[len(nodes)])),
         ],
     }
-    text = {name: "".join(_array(*array) for array in arrays) for name, arrays in parts.items()}
-    body = "".join(f"<{name}>{text[name]}</{name}>\n" for name in list(parts)[1:])
+    body = "".join(f"<{name}>\n{''.join(_array(*each) for each in own)}</{name}>\n" for name, own in parts.items())
     head = f'<Piece NumberOfPoints="{len(place)}" NumberOfCells="{len(line)}">\n'
-    return _vtk("UnstructuredGrid", f"<FieldData>{text['FieldData']}</FieldData>\n{head}{body}</Piece>\n")
+    return _vtk("UnstructuredGrid", f"{head}{body}</Piece>\n")
 
 
-def _vtk(kind: str, body: str) -> str:
-    head = f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt32">'
-    return f'<?xml version="1.0"?>\n{head}\n<{kind}>\n{body}</{kind}>\n</VTKFile>\n'
-
-
-def _array(name: str, values: Any, kind: str) -> str:
-    """An array in base64, its number of bytes before it."""
-    data = np.ascontiguousarray(values, dtype=f"<{KINDS[kind]}")
-    code = b64encode(np.uint32(data.nbytes).astype("<u4").tobytes()).decode() + b64encode(data.tobytes()).decode()
-    width = f' NumberOfComponents="{data.shape[1]}"' if data.ndim > 1 else ""
-    tuples = f' NumberOfTuples="{len(data)}"' if name == "state" else ""
-    return f'<DataArray type="{kind}" Name="{name}"{width}{tuples} format="binary">{code}</DataArray>'
+def _array(name: str, kind: str, values: Array) -> str:
+    width = f' NumberOfComponents="{values.shape[1]}"' if values.ndim > 1 else ""
+    text = " ".join(f"{each:.9g}" for each in values.ravel().tolist())
+    return f'<DataArray type="{kind}" Name="{name}"{width} format="ascii">{text}</DataArray>\n'
 
 
 def pvd(moving: Moving, files: Sequence[str]) -> str:
@@ -321,3 +286,8 @@ def pvd(moving: Moving, files: Sequence[str]) -> str:
     step = moving.seconds / len(files)
     lines = [f'<DataSet timestep="{k * step:.9g}" file="{name}"/>\n' for k, name in enumerate(files)]
     return _vtk("Collection", "".join(lines))
+
+
+def _vtk(kind: str, body: str) -> str:
+    head = f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian">'
+    return f'<?xml version="1.0"?>\n{head}\n<{kind}>\n{body}</{kind}>\n</VTKFile>\n'

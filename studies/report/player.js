@@ -74,28 +74,20 @@ class Player {
       [context.strokeStyle, context.lineWidth] = [shade, thick];
       context.stroke();
     };
-    const thick = this.lines.length < 9 ? 3 : 1;
     context.fillStyle = colour("ink");
     for (const [name, nodes] of this.lines) {
       stroke(nodes.map((node) => place(this.still, node)), colour("soft"), 1, [4, 4]);
-      stroke(nodes.map((node) => place(between, node)), colour("ink"), thick);
+      stroke(nodes.map((node) => place(between, node)), colour("ink"), 3);
       const [x, y] = place(this.still, nodes.at(name === "P2" ? -1 : 0));
       context.fillText(name, x + 6, y - 8);
     }
-    if (!this.lines.length) {
-      for (let node = 0; 2 * node < now.length; node += 1) context.fillRect(...place(between, node).map((each) => each - 1), 2, 2);
-    }
-    for (const [name, node] of Object.entries(this.points)) {
-      const [x, y] = place(between, node);
-      mark(context, x, y, 7, word, colour(word ?? "ink"));
-      context.fillStyle = colour("ink");
-      context.fillText(name, x + 10, y + 18);
-    }
-    if (word) {
-      mark(context, 12, 12, 6, word, colour(word));
-      context.fillStyle = colour("ink");
-      context.fillText(word, 24, 16);
-    }
+    const [x, y] = place(between, this.tip);
+    mark(context, x, y, 7, word, colour(word));
+    context.fillStyle = colour("ink");
+    context.fillText("C", x + 10, y + 18);
+    mark(context, 12, 12, 6, word, colour(word));
+    context.fillStyle = colour("ink");
+    context.fillText(word, 24, 16);
     for (const [row, name] of names.entries()) {
       const values = series[name], low = Math.min(...values, 0), high = Math.max(...values, 0), top = height + row * strip + 18;
       const x = (i) => 6 + ((width - 12) * i) / values.length, y = (value) => top + (strip - 24) * (1 - (value - low) / (high - low || 1));

@@ -14,7 +14,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from io import BytesIO
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +34,8 @@ from studies.study import Study
 
 # A result with more rows, or more values, is thinned on the page.
 MOST_ROWS, MOST_VALUES = 12_500, 100_000
-# Nodes of a line, and units of the larger extent, in an animation.
-ALONG, FINE = 31, 2000
+# Units of the larger extent in an animation.
+FINE = 2000
 # Digits of a computed value on the page; parameters keep all of theirs.
 DIGITS = 6
 # Variables that say whether a point was computed; files of libraries.
@@ -172,15 +171,8 @@ def reason(problem: Exception) -> str:
 def content(result: Result, tell: Tell) -> dict[str, Any]:
     """Figures, summary and points of a result; what its study cannot make is an entry of `problems`."""
     study, dataset = result.study, result.dataset
-    made: dict[str, Any] = {
-        "figures": [],
-        "parts": [],
-        "finding": "",
-        "points": None,
-        "problems": [],
-        "moving": [],
-    }
-    made["facts"] = result.facts
+    made: dict[str, Any] = {"figures": [], "parts": [], "finding": "", "points": None, "problems": []}
+    made |= {"facts": result.facts, "moving": []}
 
     def draw() -> None:
         made["figures"] = [picture(image) for image in images(result)]
@@ -197,10 +189,8 @@ def content(result: Result, tell: Tell) -> dict[str, Any]:
         made["packed"] = packed(json.dumps(made["points"], allow_nan=False, separators=(",", ":")))
 
     def animate() -> None:
-        shown = [] if study.animate is None else study.animate(dataset)
-        made["moving"] = [
-            (each.caption, packed(json.dumps(played(each), separators=(",", ":")))) for each in shown
-        ]
+        for each in runner.moving_of(study, dataset):
+            made["moving"].append((each.caption, packed(json.dumps(played(each), separators=(",", ":")))))
 
     steps = (("figure", draw), ("summary", summarise), ("animation", animate), ("table of points", tabulate))
     for what, make in steps:
@@ -213,31 +203,18 @@ def content(result: Result, tell: Tell) -> dict[str, Any]:
 
 
 def played(moving: Moving) -> dict[str, Any]:
-    """What moves for the page: places in units of 1 / FINE of the larger extent, y down, lines thinned.
-
-    Returns
-    -------
-    dict
-        `loop`, s; `size` of the drawing; `still` and `frames`, x and y of the nodes in turn; `lines`, each a name
-        and nodes; `points`; `state`, a digit a frame; `series`.
-    """
-    lines = [(name, nodes[np.unique(np.linspace(0, len(nodes) - 1, ALONG).round().astype(int))])
-             for name, nodes in moving.lines]  # fmt: skip
-    free = [] if lines else [np.arange(len(moving.place))]
-    used = np.unique([*chain(*(nodes.tolist() for _, nodes in lines), *free, moving.points.values())]).astype(int)
-    drawn = moving.drawn[:, used] * [1.0, -1.0]
+    """What moves for the page: x and y, down, of the nodes in turn, in 1 / FINE of the larger extent."""
+    drawn = moving.drawn * [1.0, -1.0]
     low = drawn.min(axis=(0, 1))
-    extent = drawn.max(axis=(0, 1)) - low
-    whole = np.rint((drawn - low) * (FINE / extent.max())).astype(int).reshape(len(drawn), -1).tolist()
-    place = dict(zip(used.tolist(), range(len(used)), strict=True))
+    drawn = np.rint((drawn - low) * (FINE / np.ptp(drawn, axis=(0, 1)).max())).astype(int)
     return {
         "loop": moving.loop,
-        "size": np.rint(extent * (FINE / extent.max())).tolist(),
-        "still": whole[0],
-        "frames": whole[1:],
-        "lines": [(name, [place[node] for node in nodes.tolist()]) for name, nodes in lines],
-        "points": {name: place[node] for name, node in moving.points.items()},
-        "state": "" if moving.state is None else "".join(map(str, moving.state)),
+        "size": drawn.max(axis=(0, 1)).tolist(),
+        "still": drawn[0].ravel().tolist(),
+        "frames": drawn[1:].reshape(len(drawn) - 1, -1).tolist(),
+        "lines": [(name, nodes.tolist()) for name, nodes in moving.lines],
+        "tip": moving.tip,
+        "state": "".join(map(str, moving.state)),
         "states": run.STATES,
         "series": {name: [float(f"{v:.4g}") for v in values] for name, values in moving.series.items()},
     }

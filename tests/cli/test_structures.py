@@ -167,7 +167,7 @@ def test_modes_are_written_back_and_move(here, own_plate, tmp_path):
         np.stack([own_plate.tangential, own_plate.normal])[:, : len(own_plate.frequency)]
     )
     rows = [line for line in PLATE.splitlines() if line.split(" ")[0] in ("normal", "tangential", "load")]
-    files = ["modes = 'own.uff'", "positions = 'own.uff'"]
+    files = ["modes = 'own.uff'", "positions = 'nodes.csv'"]
     (tmp_path / "again.toml").write_text("\n".join([*files, *rows]))
     again = Structure.read(tmp_path / "again.toml")
     assert again.frequency == pytest.approx(own_plate.frequency, rel=1e-5)
@@ -181,7 +181,8 @@ def test_modes_are_written_back_and_move(here, own_plate, tmp_path):
     [
         ("pin.toml", ["--animate"], "it keeps no eigenvectors; give node_positions"),
         ("pin.toml", ["--modes", "pin.uff"], "it keeps no eigenvectors; give node_positions"),
-        ("pin.toml", ["--modes", "pin.txt"], "pin.txt: it must end in .npz, .uff, .unv"),
+        ("pin.toml", ["--modes", "pin.txt"], "it keeps no eigenvectors; give node_positions"),
+        ("plate.toml", ["--modes", "pin.txt"], "it must be a file that ends in .npz, .uff or .unv"),
         ("plate.toml", ["--vtu", "--at", "0", "--fmax", "100"], "mu = 0: no mode below 100 Hz oscillates"),
         ("three.toml", [], "positions = 'three.csv': its lines must be node, x, y, z"),
         ("other.toml", [], "positions: no row is of its nodes, such as 7"),
