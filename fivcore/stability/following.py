@@ -41,8 +41,9 @@ from fivcore.structure import modal_structure
 # most MOST times.
 FIRST, GROWTH, STEP, HALVINGS, MOST = 1e-3, 1.05, 48, 10, 2000
 # Two modes are one where P is so near to 1, or where friction changes the exponent by no more than SAME of it.
-# Exponents that differ by more than FAR of them are of two modes; share by which a tie is decided.
-NEAR, SAME, FAR, TIE = 0.5, 1e-9, 0.2, 1e-2
+# Exponents whose squares differ by more than FAR of them, or of SLOW squared, are of two modes; a tie is decided
+# by a share TIE.
+NEAR, SAME, FAR, SLOW, TIE = 0.5, 1e-9, 0.3, 0.02, 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +130,10 @@ def _links(one: _Point, other: _Point, *, last: bool) -> tuple[Any, bool]:
     if last and len(free) and len(new):
         # The highest or fastest growing first, as a pair that ceases to oscillate has a growing one.
         free, new = free[::-1], new[::-1]
-        apart = away[np.ix_(free, new)] / size[np.ix_(free, new)]
+        # Squares pass through zero, where a mode ceases to oscillate.
+        apart = (
+            np.abs(one.phi[free, None] ** 2 - other.phi[new] ** 2) / np.maximum(size[np.ix_(free, new)], SLOW) ** 2
+        )
         tie = 1.0 + TIE * np.abs(np.arange(len(free))[:, None] - np.arange(len(new)))
         rows, columns = linear_sum_assignment(np.minimum(apart, FAR) * tie)
         near = apart[rows, columns] < FAR

@@ -48,8 +48,8 @@ def list_studies(study: str | None, out: str | None) -> None:
         if study or not entry:
             one, points = _study(name, out)
             name, description = one.name, f"\n\n{one.describe()}" if study else ""
-            shown: dict[str, Any] = {"title": one.title, "question": one.question, "points": points}
-            entry = shown | {"structure": one.takes_structure} | entry
+            stated = dict[str, Any](title=one.title, question=one.question, structure=one.takes_structure)
+            entry = {**stated, "points": points, **entry}
         lasts = f", {about(entry['seconds'])}" if "seconds" in entry else ""
         question = [("", entry["question"])] * (entry["question"] != entry["title"])
         takes = "; takes an own structure (--rig)" if entry.get("structure") else ""

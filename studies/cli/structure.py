@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 # Modes in the table. A structure with less mass than a gram at its contact is hardly one that moves below so many
 # Hz; below this share of the largest product of its gaps' weights a mode couples them by rounding.
 MOST, GRAM, SLOW, COUPLED = 40, 1e-3, 5e3, 1e-9
+# Values of friction in the table of sliding modes.
+COLUMNS = 6
 FILE = click.argument("file", metavar="FILE.toml")
 FMAX = click.option("--fmax", default="10kHz", show_default=True, help="Band of onsets and figure.")
 MU = click.option("--mu", type=float, default=1.0, show_default=True, help="Largest coefficient of friction.")
@@ -96,6 +99,7 @@ def structure(
     try:
         onsets = flutter_onsets(own, 0.0, band, mu, F=force)
         show("\n".join(_onsets(onsets, band, mu)))
+        show("\n".join(_sliding(own, band, mu, force)))
     except ArithmeticError as problem:
         show(f"flutter onsets: they could not be computed: {problem}")
     try:
@@ -190,6 +194,26 @@ def _onsets(onsets: FlutterOnsets, fmax: float, mu: float) -> Iterator[str]:
     yield columns([("mu", "Hz", ""), *rows]) if rows else ""
     if onsets.divergence_mu <= mu:
         yield f"jams: growth without oscillation from mu = {onsets.divergence_mu:.5g} on"
+
+
+def _sliding(own: Structure, fmax: float, mu: float, load: float) -> Iterator[str]:
+    """Frequencies of the modes along friction, by the numbers that they keep, and how fast they grow."""
+    import numpy as np
+
+    from fivcore import InputError, followed_modes
+
+    found = list[Any]()
+    for friction in np.linspace(0.0, mu, COLUMNS).tolist():
+        with suppress(InputError):
+            modes = followed_modes(own, 0.0, [friction], fmax, F=load)
+            rates = zip(modes.frequency[0].tolist(), modes.growth_rate[0].tolist(), strict=True)
+            cells = ["" if f != f else f"{f:.5g}" + (f" ({r:+.3g})" if r > 0.0 else "") for f, r in rates]
+            found.append([f"mu = {friction:.3g}", *cells])
+    most = max(map(len, found), default=1)
+    table = [column + [""] * (most - len(column)) for column in ([["", *map(str, range(1, most))], *found])]
+    rows = [row for row in zip(*table, strict=True) if any(row[1:])]
+    yield "\nmodes of steady sliding, Hz, with the growth rate, 1/s, where they grow"
+    yield columns([("mode", *rows[0][1:]), *rows[1 : MOST + 1]]) if rows else ""
 
 
 def hints(own: Structure) -> Iterator[str]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from studies.motion.stability import largest_growth
+from fivcore import followed_modes
 from studies.plotting import figures
 from studies.plotting.modes import mark_divergence, mark_recoveries
 
@@ -43,7 +43,7 @@ def draw(
     figures.one_two_five(left.xaxis)
     left.legend(loc="best")
     mu = np.linspace(0.0, mu_max, FRICTIONS)
-    growth = largest_growth(structure, 0.0, mu, fmax, F=load)[0]
+    growth = followed_modes(structure, 0.0, mu, fmax, F=load).growth_rate
     right.plot(mu, growth, color=figures.BLACK)
     right.plot(mu, np.where(growth > 0.0, growth, np.nan), color=figures.RED, linewidth=2.0)
     right.axhline(0.0, color=figures.GREY, linewidth=0.8)
@@ -56,6 +56,6 @@ def draw(
             right.legend(loc="best")
     right.set(xlabel="coefficient of friction μ", ylabel="growth rate / (1/s)")
     where = f"receptances at contact {contact}" if structure.several else "receptances at the contact"
-    figures.letter((left, right), (where, "least stable mode of steady sliding"))
+    figures.letter((left, right), (where, "modes of steady sliding"))
     figure.suptitle(repr(structure))
     return figures.finish(figure)

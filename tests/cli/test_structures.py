@@ -10,9 +10,10 @@ import xarray as xr
 from scipy import io, sparse
 
 import studies
-from fivcore import Scene, Structure, simulate, sliding_modes
+from fivcore import Scene, Structure, flutter_onsets, simulate, sliding_modes
 from studies.asking.request import structure_of
 from studies.cli.structure import hints
+from studies.declaring.own import varied
 from tests.docs import readmes
 from tests.helpers.plate import plate
 
@@ -291,3 +292,22 @@ def test_a_study_builds_its_structure_with_scikit_fem(here, tmp_path, forgetful,
     bending = 1.8751**2 * 2e-3 / (2.0 * np.pi * 0.075**2) * np.sqrt(200e9 / 7800.0 / 12.0)
     assert data["bending_frequency"].values == pytest.approx(bending, rel=0.02)
     assert float(data["velocity_rms"][0]) > 3.0 * float(data["velocity_rms"][2])
+
+
+def test_numbers_of_a_structure_are_axes_and_have_sensitivities(here, pin):
+    done = here("map", "--x", "frequency_3=1695,1700Hz", "--quantity", "onset_mu", "--rig", "pin.toml", "-q")
+    assert done.returncode == 0
+    mapped = studies.open(f"onset-frequency_3-rig{pin.digest[:8]}")["onset_mu"].values
+    data = studies.run("sensitivity", rig=pin)
+    slope = data.sel(pair=1, parameter="frequency_3").squeeze()
+    assert mapped[1] == data["onset_mu"].sel(pair=1)[0, 0]
+    assert (mapped[1] - mapped[0]) / mapped[1] * 340.0 == pytest.approx(float(slope["elasticity_mu"]), rel=0.01)
+    changes = 100.0 * data["change_mu"] / data["onset_mu"]
+    np.testing.assert_allclose(changes.sel(pair=1), data["elasticity_mu"].sel(pair=1), rtol=0.03, atol=2e-3)
+    # One value of it, and damping of one mode, are of the structure that is computed.
+    words = ("--set", "mu=0.2,0.3", "--set", "frequency_3=1600Hz", "--set", "damping_ratio_2=0.01")
+    assert here("run", "fig5", "--rig", "pin.toml", *words, "-q").returncode == 0
+    other = varied(pin, {"frequency_3": 1600.0, "damping_ratio_2": 0.01})
+    np.testing.assert_array_equal(studies.open("fig5")["onset_mu"], flutter_onsets(other, 0.0, mu_max=0.3).mu)
+    done = here("run", "fig5", "--rig", "pin.toml", "--set", "frequenzy_2=3", "-q")
+    assert (done.returncode, "did you mean frequency_2?" in done.stderr, done.stderr.count("\n")) == (2, True, 1)
