@@ -112,9 +112,8 @@ class Case:
 
 def _begun(name: str, task: str, build: Any = _at_rest, expected: str = PASSES, **values: Any) -> Case:
     """A case that begins in a state; None: rest under the load."""
-    return Case(
-        name, task, {}, {"duration": 20e-3}, start=partial(build, **values), expected=expected, names="initial"
-    )
+    run, start = {"duration": 20e-3}, partial(build, **values)
+    return Case(name, task, run=run, start=start, expected=expected, names="initial")
 
 
 def _numbers(number: str, name: str, task: str, *values: float, also: Any = None, **more: Any) -> list[Case]:
@@ -149,12 +148,8 @@ ALL_MODES = {"paper": "it keeps all modes: it has no cut-off"}
 ENDS_EARLY = dict.fromkeys(("exact", "paper"), "only 'fast' ends a run early")
 # Cases that would take these methods longer than some 10 s of a core.
 TOO_EXPENSIVE: Any = dict.fromkeys(("100 s, vibrating", "100 s, sliding", "100 s, stuck"), ("exact", "paper"))
-TOO_EXPENSIVE |= {
-    "long P2": ("exact",),
-    "cut-off 1000 kHz": ("exact",),
-    "every mode": ("exact",),
-    "1 s, vibrating": ("paper",),
-}
+TOO_EXPENSIVE |= dict.fromkeys(("long P2", "cut-off 1000 kHz", "every mode"), ("exact",))
+TOO_EXPENSIVE["1 s, vibrating"] = ("paper",)
 AT_REST: Any = {"force": 1.0}
 THROWN: Any = {"duration": 2e-4, "start": partial(_at_rest, contact=OPEN, gap=1e-6, fall=1.0)}
 BLOWN, ALONG = "all modes as after a blow of 4 us", "P1's tip moving along P2 at {} as contact is made"

@@ -13,15 +13,11 @@ import numpy as np
 import fivcore
 from fivcore import SEPARATION, SLIP, STICK, Normalised, Rig, Scene, State, Transient, exact, full_model, published
 from studies.motion.run import SCALED
-from studies.stress.cases import CONTACT, DIVERGENCE, DURATION, POINT, VALUE, Case
+from studies.stress.cases import DIVERGENCE, DURATION, POINT, Case
 
 Check = tuple[float, float]  # a number and the bound that it must not exceed; NaN never passes
 
-ERRORS: dict[str, type[Exception]] = {
-    VALUE: ValueError,
-    CONTACT: fivcore.ContactError,
-    DIVERGENCE: fivcore.DivergenceError,
-}
+ERRORS = {kind.__name__: kind for kind in (ValueError, fivcore.ContactError, fivcore.DivergenceError)}
 # Arguments that some edges limit; of the two numbers in V / F, V is moved.
 EDGES = {"fitting step": "step", "samples": "sample_rate", "least V/F": "V", "largest V/F": "V"}
 # A value beyond any limit; the word before the limit in a refusal, and how near to the limit its number must be.
@@ -167,9 +163,7 @@ def _largest_step(spec: RunSpec) -> float:
 LIMITS: dict[str, Callable[[RunSpec], float]] = {
     "step": _largest_step,
     "fitting step": lambda spec: _largest_step(spec) if spec.method == "paper" else np.nan,
-    "mu": lambda spec: fivcore.painleve_mu(
-        spec.rig, spec.scene.drive_theta, spec.method, **spec.chosen("cutoff", "step")
-    ),
+    "mu": lambda of: fivcore.painleve_mu(of.rig, of.scene.drive_theta, of.method, **of.chosen("cutoff", "step")),
     "least V/F": lambda spec: stated(spec.changed(V=1.0 / FAR).refusal(), "from"),
     "largest V/F": lambda spec: stated(spec.changed(V=FAR).refusal(), "to"),
     "cutoff": lambda spec: stated(replace(spec.changed(cutoff=1.0), method="fast").refusal(), "above"),

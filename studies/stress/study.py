@@ -113,11 +113,8 @@ def _draw_strips(axes: Any, values: xr.DataArray, name: str) -> None:
     labels = list(dict.fromkeys(values[name].values.tolist()))
     for k, method in enumerate(METHODS):
         points, (marker, color) = frame[frame["method"] == method], STYLES[method]
-        y = (
-            points[name].map(labels.index)
-            + 0.25 * (k - 1)
-            + 0.16 * (np.arange(len(points)) * 0.618034 % 1.0 - 0.5)
-        )
+        scatter = 0.16 * (np.arange(len(points)) * 0.618034 % 1.0 - 0.5)
+        y = points[name].map(labels.index) + 0.25 * (k - 1) + scatter
         axes.plot(points["x"], y, marker, color=color, label=method, ms=4, mfc="none", mew=0.7)
     axes.axvline(1.0, color=figures.RED, linestyle="--", label="bound")
     axes.set(xscale="log", xlim=(0.5 * LEAST, 2.0 * BROKEN), ylim=(len(labels) - 0.5, -0.5))

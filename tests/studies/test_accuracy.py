@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from fivcore import Rig, Scene, Transient, simulate, sliding_modes
+from fivcore import Rig, Scene, simulate, sliding_modes
 from fivcore.contact.reduced import default_cutoff, reduced_model
 from studies.accuracy import errors, presentation, study
 from studies.accuracy.settings import CONVERGED, DEFAULT, FAST, PAPER, PUBLISHED, SETTINGS, TWO, scene_of
@@ -74,20 +74,6 @@ def test_while_a_point_is_timed_no_other_is_computed(monkeypatch):
     assert all(one[2] <= other[0] for one, other in pairwise(sorted(spans)))
 
 
-def test_a_cost_is_that_of_whole_runs_after_one_that_compiles(monkeypatch):
-    ran, clock, nothing = [], iter([0.0, 3.0, 10.0, 13.0]), dict.fromkeys(study.STATISTICS, 0.0)
-
-    def simulated(scenes, duration, method, **options):
-        ran.append((len(scenes), duration))
-        return [Transient(scene, nothing | {"regime": "stuck", "stick_times": []}) for scene in scenes]
-
-    monkeypatch.setattr(study, "simulate_many", simulated)
-    monkeypatch.setattr(study.time, "thread_time", lambda: next(clock))
-    found = [study.measure(method, DEFAULT, QUICK, 2.0, 1e-3, 3, 1)["cpu_per_second"] for method in (FAST, PAPER)]
-    assert ran == [(1, 2.0), (3, 2.0), (1, study.WARMING), (1, 2.0)]
-    assert found == [0.5, 1.5]
-
-
 def test_deviations_are_students_t_and_a_run_four_times_as_long_has_half_the_standard_error():
     def deviations(*ensembles, times):
         arrays = [xr.DataArray(values, dims=("setting", "member")) for values in ensembles]
@@ -127,12 +113,7 @@ def statistics(stick, cost=1.0, time=1.0, **more):
 
 @pytest.mark.parametrize(
     ("pair", "off", "late", "right"),
-    [
-        ((FAST, PUBLISHED), 0.019, 0, 1),
-        ((FAST, DEFAULT), 0.03, 0, 0),
-        pytest.param((FAST, PUBLISHED), -0.03, 0, 0, marks=pytest.mark.slow),
-        ((FAST, DEFAULT), 0.01, 0.02, 0),
-    ],
+    [((FAST, PUBLISHED), 0.019, 0, 1), ((FAST, DEFAULT), -0.03, 0, 0), ((FAST, DEFAULT), 0.01, 0.02, 0)],
 )
 def test_a_setting_is_right_within_tolerance_and_slips_when_it_should(file, pair, off, late, right):
     """By the reference of its own damping; whatever has the other is far off."""
@@ -153,15 +134,6 @@ def test_a_setting_is_right_within_tolerance_and_slips_when_it_should(file, pair
     assert int(data["within"]) == right
 
 
-def test_a_reference_what_is_missing_and_what_does_not_exist_have_no_errors_and_cost_nothing(file):
-    names = (DEFAULT, CONVERGED, "step 0.5")
-    data = file(lambda method, setting: statistics(0.6) if setting != "step 0.5" else {}, names).isel(scene=0)
-    assert np.array(errors.WITHIN)[data["within"]].tolist() == [["yes", "unknown", "unknown"]] * 2
-    assert data["cpu_per_second"].isnull().values.tolist() == [[False, False, True], [False, True, True]]
-    assert float(data["wall_time"].sel({"method": PAPER, "setting": CONVERGED})) == 0.0
-    assert file(lambda *_: statistics(0.6), (DEFAULT, "cut-off 0.64"), (FAST,))["mismatch"].isnull().all()
-
-
 def test_a_dominant_frequency_is_that_of_a_run_of_the_reference_or_a_rival_peak(file, monkeypatch):
     found = {CONVERGED: [2600.0, 2600.0, 2600.0, 5000.0], DEFAULT: 5050.0, "step 0.5": 5250.0, "damping 3": 3030.0}
 
@@ -178,28 +150,14 @@ def test_a_dominant_frequency_is_that_of_a_run_of_the_reference_or_a_rival_peak(
     np.testing.assert_allclose(peaks, [3e3, 5e3], rtol=1e-2)
 
 
-def test_means_of_sticks_need_twenty_and_a_standard_error_falls_with_the_root_of_time(file):
-    sticks = {DEFAULT: (1.6, 30.0), CONVERGED: (1.0, 30.0), "step 0.5": (1.6, 4.0)}
-
-    def values(_, setting):
-        return statistics(0.6, mean_stick_time=sticks[setting][0], long_sticks=sticks[setting][1])
-
-    data = file(values, tuple(sticks), (FAST,)).isel(method=0, scene=0).sel(quantity="mean_stick_time")
-    np.testing.assert_allclose(data["quantity_error"].sel(setting=list(sticks)), [0.6, np.nan, np.nan], atol=1e-9)
-    # Runs of two seconds with a standard deviation of s: one second has s sqrt(2).
-    data = file(lambda method, _: statistics(0.6, {FAST: 0.02, PAPER: 20.0}[method], 2.0))
-    known = np.array([0.02, 20.0]) * (np.std(WOBBLE, ddof=1) * np.sqrt(2.0) / 0.005) ** 2
-    np.testing.assert_allclose(data["time_to_standard_error"].sel(setting=DEFAULT).values.ravel(), known)
-
-
-@pytest.mark.parametrize("methods", [pytest.param((FAST, PAPER), marks=pytest.mark.slow), (PAPER,), ()])
-def test_the_cheapest_is_right_at_every_scene_and_any_result_has_a_summary_and_a_figure(file, methods):
+def test_the_cheapest_is_right_at_every_scene_and_a_result_without_values_has_a_summary_and_a_figure(file):
     for right, cheapest in (([4, 3, 4], [2.0]), ([3, 0, 1], [])):
         rows = pd.DataFrame({"cost": [3.0, 1.0, 2.0]})
         for group in presentation.GROUPS:
             rows[f"right {group}"], rows[f"compared {group}"] = right, 4
         assert presentation.cheapest_right(rows)["cost"].tolist() == cheapest
-    data = file(lambda m, _: statistics(0.6) if m in methods else {}, list(SETTINGS), scenes=("5 mm/s", "rig 3"))
-    assert "percentage points" in summary.text(STUDY.summary(data))
-    with figures.style():
-        STUDY.figure(data).canvas.draw()
+    for values in ({}, statistics(0.6)):
+        data = file(lambda *_, values=values: values, scenes=("5 mm/s", "rig 3"))
+        assert "percentage points" in summary.text(STUDY.summary(data))
+        with figures.style():
+            STUDY.figure(data).canvas.draw()

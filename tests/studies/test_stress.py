@@ -7,7 +7,6 @@ import pytest
 import xarray as xr
 
 from fivcore import Rig
-from studies.answering import summary
 from studies.asking.sweep import sweep_of
 from studies.plotting import figures
 from studies.stress import study
@@ -127,22 +126,15 @@ def test_a_copy_that_differs_and_a_mean_that_is_not_the_load_fail(good):
         assert failing(long._replace(long=wrong)) == {"mean"}
 
 
-def test_a_result_its_summary_and_its_figure_say_what_passed_and_what_failed():
-    names = ["step 1.001 of the largest", "mu = nan", "theta = 90°", "3 and 3 elements"]
+def test_a_summary_and_a_figure_say_what_failed():
+    names = ["step 1.001 of the largest", "mu = nan", "theta = 90°"]
     data = sweep_of(study.STUDY, {"case": names}).plan().run("sync")
-    assert data["task"].sel(case="theta = 90°").item() == "P1 at 90 degrees"
-    assert OUTCOMES[int(data["outcome"].sel({"case": "theta = 90°", "method": "paper"}))] == "ValueError"
-    assert next(study.summary(data)).startswith("None of 11 runs and refusals failed")
-    broken = data.copy(deep=True)
-    broken["outcome"] = broken["outcome"].astype(float)
-    broken["outcome"][0, 0], broken["margin"][0, 0, 7], broken["value"][0, 0, 7] = FAILS, 2.0, 1.0
-    broken["status"][3, 1], broken["status"][3, 2] = 2, 0  # one broke down, one is not computed yet
-    finding, (_, counts), (_, nearest), *_ = study.summary(broken)
-    assert finding.startswith("2 of 10 ")
+    data["outcome"] = data["outcome"].astype(float)
+    data["outcome"][0, 0], data["margin"][0, 0, 7], data["value"][0, 0, 7] = FAILS, 2.0, 1.0
+    data["status"][2, 1], data["status"][2, 2] = 2, 0  # one broke down, one is not computed yet
+    finding, (_, counts), (_, nearest), *_ = study.summary(data)
+    assert finding.startswith("2 of 7 ")
     assert counts.set_index("outcome").loc[["fails", "pending"]].to_numpy().sum() == 3
     assert nearest.iloc[0][["case", "method", "check", "margin"]].tolist() == [names[0], "fast", "gap", 2.0]
-    for found, pick in ((data, {}), (broken, {}), (broken, {"case": [1], "method": [1]})):
-        assert summary.text(study.summary(found.isel(pick)))
-        with figures.style():
-            figure = study.STUDY.figure(found.isel(pick))
-        assert figure.get_suptitle().endswith(": none failed") == (found is data or bool(pick))
+    with figures.style():
+        assert study.STUDY.figure(data).get_suptitle().endswith(": 2 failed")
