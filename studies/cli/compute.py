@@ -102,7 +102,7 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
     from studies import registry, runner
     from studies.answering import results
     from studies.asking import request
-    from sweeps import InputError, Store, check_free
+    from sweeps import InputError, Store, StoreError, check_free
 
     assigned = {"--set": options.pop("assignments"), "--scatter": options.pop("scatter")}
     values = _values(options.pop("standard_error"), assigned)
@@ -131,8 +131,12 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
     if writing:
         check_free(file or results.file_of(one.name, out))
     lines = [f"rig             {Structure.from_dict(wanted.structure)!r}"] if wanted.structure else []
-    with warned(lines.append):
-        planned = runner.plan(one, wanted, out, file=file, **how)
+    try:
+        with warned(lines.append):
+            planned = runner.plan(one, wanted, out, file=file, **how)
+    except StoreError:
+        say(*lines)  # an unusual value may be why the folder has other results
+        raise
     return one, planned, wanted, lines
 
 

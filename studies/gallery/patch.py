@@ -126,17 +126,17 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         yield (
             f"Steady sliding is unstable from mu = {labels.number(point['onset_mu'].item())} on with a point, from"
             f" {onsets} on with a patch of {labels.number(1e3 * float(dataset['foot_length']))} mm: two closed"
-            " contacts keep P1's tip from turning, until friction has tilted the foot. Closed are"
-            f" {at_rest} at rest, {sliding} at the onset."
+            " contacts keep P1's tip from turning, until friction has tilted the foot. At rest"
+            f" {at_rest} contacts are closed, at the onset {sliding}."
         )
     several = dataset.isel(nodes=dataset["nodes"].values > 2)
-    for over, text in (("nodes", "From three nodes on their number"), ("finer", "A finer step")):
+    for over, text in (("nodes", "The number of nodes, from three on,"), ("finer", "A finer step")):
         if several.sizes["nodes"] and several.sizes[over] > 1:
             apart = [float((several[n].max(over) - several[n].min(over)).max()) for n in SHARES]
             scatter = max(float(several[f"{n}_std"].max()) for n in SHARES)
             yield (
-                f"{text} moves the shares of stick and separation by at most {apart[0]:.3f} and {apart[1]:.3f};"
-                f" between realisations they scatter by up to {scatter:.3f}."
+                f"{text} changes the fraction of time in stick by at most {apart[0]:.3f} and that in separation"
+                f" by {apart[1]:.3f}; between realisations they scatter by up to {scatter:.3f}."
             )
     yield "By number of nodes", table
     yield "Motion", labels.frame(dataset, COLUMNS, along=["nodes", "mu", "finer"])
