@@ -171,9 +171,9 @@ def query(target: str, out: str | None, form: str, units: bool, **which: Any) ->
     x == nan. == on an axis tolerates rounding.
 
     There is one row for each computed point. If you name a variable with several values at a point (modes, times),
-    there is one row for each value. --by merges rows with equal values in its columns; --show then takes count, and
-    mean:X, std:X, min:X, max:X, median:X of the values that are not missing. share:X is the fraction of rows with
-    each word, or for which a condition is true.
+    there is one row for each value. --by merges rows with equal values in its columns; --show then takes count,
+    and mean:X, std:X, min:X, max:X, median:X of the values that are not missing. share:X is the fraction of rows
+    with each word, or for which a condition is true.
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies.answering import results
     from studies.motion import mixed

@@ -102,7 +102,7 @@ def of_reference(sections: Sequence[Section]) -> str:
     studies = [result for result, _ in sections if result.name in registry.names()]
     theirs = [result.name for result in studies if result.is_reference]
     own, from_project = len(studies) - len(theirs), "the project's reference"
-    if not own:
+    if theirs and not own:
         return f"you have run none of the studies; all are shown from {from_project}"
     rest = f"the rest is shown from {from_project}: {', '.join(theirs)}"
     return f"you have run {own} of the {len(studies)} studies; {rest}" if theirs else ""
