@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import sweeps
-from fivcore import FIXED_CONTACT_LIMIT, fixed_contact
+from fivcore import FIXED_CONTACT_LIMIT
 from studies import registry
 from studies.answering import reference, summary
 from studies.answering.results import (
@@ -69,7 +69,12 @@ class RunResult:
         if time is None or "V" not in data or "p2_length" not in data:
             return ""
         moved = float((np.abs(data["V"]) * time / data["p2_length"]).max())
-        return fixed_contact(moved) if moved > FIXED_CONTACT_LIMIT else ""
+        if moved <= FIXED_CONTACT_LIMIT:
+            return ""
+        place = np.ravel(data["contact_position"].values) if "contact_position" in data else np.array([])
+        where = f"{1e3 * place[0]:g} mm" if len(place) == 1 else "one place"
+        moves = f"the drive moves {100.0 * moved:.2g} % of P2's length in a run"
+        return f"{moves}; a real contact would travel along, here it stays at {where}"
 
     @property
     def failed(self) -> int:

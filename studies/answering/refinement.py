@@ -22,17 +22,11 @@ def report(dataset: xr.Dataset) -> list[str]:
         lines.append(f"{count} points are interpolated; how many of them are {wrong} is not known.")
     elif count:
         share, most, sure = map(_percent, (estimate, upper, CONFIDENCE))
-        text = f"An estimated {share} of them (at most {most}, with {sure} confidence) are {wrong}"
-        control = f"as were {errors['missed']} of {errors['control']} control points"
-        lines.append(f"{count} points are interpolated. {text}, {control}.")
-    if levels:
-        counts = ", ".join(f"{each['mispredicted']} of {each['computed']}" for each in levels)
-        largest = ", ".join(_percent(each["largest"]) for each in levels)
-        ending = "" if tolerance is None else f"; largest errors {largest} of the range"
-        lines.append(f"Interpolation would have missed {counts} points computed on successive levels{ending}.")
+        text = f"About {share} of these (at most {most}, with {sure} confidence) are {wrong}"
+        lines.append(f"{count} points are interpolated, the others are computed. {text}.")
     if count := errors["exhausted"]:
         within = ", ".join(f"{dim} {low:.4g} to {high:.4g}" for dim, (low, high) in errors["within"].items())
-        lines.append(f"The last level was still off at {count} points ({within}); a further one halves there.")
+        lines.append(f"The map is still too coarse at {count} points ({within}); one level more halves there.")
     return lines
 
 

@@ -171,12 +171,12 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
         check_free(file or results.file_of(one.name, out))
     lines = [f"rig             {Structure.from_dict(wanted.structure)!r}"] if wanted.structure else []
     lines = lines if own is None else [f"rig             {own.name}: {own.title}"]
-    with warned(lines.append):
-        try:
+    try:
+        with warned(lines.append):
             planned = runner.plan(one, wanted, out, file=file, **how)
-        except StoreError:
-            say(*lines)  # an unusual value is why
-            raise
+    except StoreError:
+        say(*lines)  # an unusual value may be why the folder has other results
+        raise
     return one, planned, wanted, lines
 
 

@@ -109,7 +109,7 @@ def execute(
             say(f"share {'{} of {}'.format(*planned.shared)} is computed, {failed} failed")
             sys.exit(1 if failed else 0)
         finished = runner.execute(study, planned, *backend, last, fail_fast=fail_fast)
-    report(study, finished, planned.adopted)
+    report(study, finished, planned.adopted, planned.sweep.remark)
 
 
 @contextmanager
@@ -135,7 +135,7 @@ def watched(planned: Plan) -> Iterator[_Last]:
         sys.exit(3)
 
 
-def report(study: Study, finished: RunResult, adopted: str = "") -> NoReturn:
+def report(study: Study, finished: RunResult, adopted: str = "", remark: str = "") -> NoReturn:
     """Print the numbers of a finished run, and what differs, moved or failed; end with the exit code."""
     from studies.answering import summary
 
@@ -148,6 +148,8 @@ def report(study: Study, finished: RunResult, adopted: str = "") -> NoReturn:
         say("why some differ: results/README.md, What differs from the paper, and why")
     # The first part is of the operating point.
     say(*(summary.text([f"found: {part}"]) for part in parts[1:2] if isinstance(part, str)))
+    if remark:
+        say(f"fiv: {remark}")
     if moved := finished.fixed_contact():
         say(f"fiv: {moved}")
     if not FLAGS["quiet"] and (beside := finished.beside_reference()):

@@ -111,7 +111,7 @@ FORMS = click.Choice(["table", "csv", "json"])
 QUERY = (
     option("--where", metavar="EXPR", help="Condition on the rows; default: all."),
     option("--show", metavar="A,B,...", help=SHOWN),
-    option("--by", metavar="A,B,...", help="Group the rows that agree in these columns."),
+    option("--by", metavar="A,B,...", help="Merge the rows with equal values in these columns."),
     option("--sort", metavar="A,...", help="Columns to sort by; descending with a minus: --sort -velocity_rms."),
     option("--limit", type=click.IntRange(min=0), metavar="N", help="Largest number of rows."),
     option("--format", "form", type=FORMS, default="table", show_default=True, help="csv, json: all digits."),

@@ -186,12 +186,13 @@ def query(target: str, rig: str | None, out: str | None, form: str, units: bool,
     fiv query scenes --where 'status == "failed"' --show V,theta,mu,F,error
 
     EXPR is of comparisons (also 0.1 < mu < 0.2, and in), and, or, not, + - * / **, brackets, numbers, 'words' and
-    names: axes, variables and fixed parameters, in SI, theta in degrees. No comparison is true of a missing value;
-    x == nan finds it. Equality finds the nearest value of an axis, within a thousandth of its spacing.
+    names: axes, variables and fixed parameters, in SI, theta in degrees. Missing values never match; find them by
+    x == nan. == on an axis tolerates rounding.
 
-    The points are the rows, or the entries of a variable that is named and has many at a point (modes, times).
-    With --by rows that agree in its columns are one. --show then has count, and mean:X, std:X, min:X, max:X,
-    median:X of the values that are not missing; share:X is the share of rows with each word, or of a condition.
+    There is one row for each computed point. If you name a variable with several values at a point (modes, times),
+    there is one row for each value. --by merges rows with equal values in its columns; --show then takes count,
+    and mean:X, std:X, min:X, max:X, median:X of the values that are not missing. share:X is the fraction of rows
+    with each word, or for which a condition is true.
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies.answering import results
     from studies.motion import mixed

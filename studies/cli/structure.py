@@ -47,12 +47,13 @@ def structure(
 
     The figure, FILE.png in the folder `structure` of the results, has the growth rate over friction too.
 
-    FILE.toml is in SI. It names files of `mass` and `stiffness` or has modes; `normal` and `tangential` say what
-    opens the gap and what moves the surface along the drive (change the sign of `tangential` for the other sense),
-    `load` what F multiplies. Optional: `output` (what is observed as B; otherwise the tangential gap), `drive`
-    (mass times the motion of all for a unit motion of the base, which then moves in place of the surface),
-    `damping` (a file), `damping_ratio`, `d1`, `d2`, `fmax`. Rows are named "node N, DIRECTION" by `nodes` or
-    `dofs_per_node`, or by their number from 0. With several contacts `normal` and `tangential` are lists, or
+    FILE.toml is in SI. It names files of `mass` and `stiffness`, or lists modes. `normal` is the motion that opens
+    the contact. `tangential` is the motion of the structure's surface in the sliding direction (with a minus it
+    slides the other way). `load` says where the force F acts and in which direction. Optional: `output` (the
+    motion that is observed as B; default: the tangential one), `drive` (for a structure whose base is driven over
+    a fixed surface: M r, with r the rigid motion of all rows for a unit motion of the base), `damping` (a file),
+    `damping_ratio`, `d1`, `d2`, `fmax`. Rows are named "node N, DIRECTION" by `nodes` or `dofs_per_node`, or by
+    their number from 0. With several contacts `normal` and `tangential` are lists, or
     `contacts` is one of tables with these and `gap` (m, 0 if not given) and `friction` (factor of mu, 1), or
     pairs of nodes: contacts = {pairs = [[12, 40], [13, 41]], normal = "y", tangential = "x"}.
 

@@ -26,6 +26,12 @@ READABLE = {
 SYMBOLS = {"theta": "θ", "mu": "μ"}
 
 
+def counted(count: int, size: int, noun: str = "point") -> str:
+    """How many of some things: "every point", "no point", or "3 of 8 points"."""
+    words = {size: f"every {noun}", 0: f"no {noun}"}
+    return words.get(count, f"{count} of {size} {noun}s")
+
+
 def unit_of(array: xr.DataArray) -> tuple[str, float]:
     """The unit in which a reader has an array, and the factor to it."""
     units = str(array.attrs.get("units", "1"))

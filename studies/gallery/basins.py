@@ -32,10 +32,14 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         yield "No point has a value."
         return
     both = int(((share > 0.0) & (share < 1.0)).sum())
-    yield (
-        f"Of the starts, {100.0 * float(share.min()):.3g} to {100.0 * float(share.max()):.3g} % lead to vibration;"
-        f" at {both} of {share.size} points some do and others do not."
-    )
+    low, high = 100.0 * float(share.min()), 100.0 * float(share.max())
+    if low == high and high in (0.0, 100.0):
+        yield f"{'Every' if low else 'No'} start leads to vibration."
+    else:
+        yield (
+            f"{low:.3g} to {high:.3g} % of the starts lead to vibration; at {labels.counted(both, share.size)} the"
+            " start decides."
+        )
     at = dataset.isel({name: 0 for name in others})
     needed = 1e3 * at["knock_threshold"].dropna(x)
     if needed.size:

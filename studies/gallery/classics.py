@@ -76,8 +76,12 @@ def describe(data: xr.Dataset) -> xr.Dataset:
 
 def summarise(data: xr.Dataset) -> Iterator[Any]:
     """How many values are right, all of them, and what each model is."""
-    right = f"{int((abs(data['difference']) <= data['accuracy']).sum())} of {data.sizes['case']} values"
-    yield f"{right} are right, to {CLOSED:g} or, for motions by method exact, {MOTION:g}, for cycles {CYCLE:g}."
+    right = labels.counted(int((abs(data["difference"]) <= data["accuracy"]).sum()), data.sizes["case"], "value")
+    agree = "agrees" if right.startswith("every") else "agree"
+    yield (
+        f"{right[0].upper()}{right[1:]} {agree} with the known one to {CLOSED:g}, in motions by method exact to"
+        f" {MOTION:g}, in cycles to {CYCLE:g}."
+    )
     table = data[[*OUTPUTS][:-1]].to_pandas().reset_index()
     yield "Values", table.assign(**{k: table[k].map("{:.10f}".format) for k in ("expected", "ours")})
     yield "Models", data[[*ABOUT]].to_pandas().drop_duplicates()

@@ -46,10 +46,13 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     both = {name: dataset.sel(damping, method="nearest") for name, damping in dampings.items()}
     best, highest = most(dataset), labels.number(float(dataset["held"].max()))
     count = dataset.sizes["statement"]
-    named = [f"{labels.number(float(each['held']))} of {count} hold with {_named(each)}" for each in both.values()]
+    named = [
+        f"{labels.number(float(each['held']))} of {count} statements on motion hold with {_named(each)}"
+        for each in both.values()
+    ]
     yield (
-        f"Of the paper's statements on motion {named[0]}, the printed damping. {named[1].capitalize()}, the most "
-        f"with that d1; nowhere do more than {highest}, which do at {int(best.sum())} of {best.size} points."
+        f"{named[0]}, the printed damping; {named[1]}, the most with that d1. At no point do more than {highest}"
+        f" hold, which do at {labels.counted(int(best.sum()), best.size)}."
     )
     table = {"statement": dataset["statement"].values, "section": dataset["section"].values}
     table |= {f"{name} %": 100.0 * each["truth"].values for name, each in both.items()}

@@ -27,7 +27,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     where = f"{labels.title(name)} from {' to '.join(ends)}{f' {unit}' if unit else ''}"
     count, size = int(np.isfinite(dataset["bistable_low"]).sum()), dataset["bistable_low"].size
     if ends:
-        yield f"Sliding and vibration are both stable at {where}, in {count} of {size} loops."
+        yield f"Sliding and vibration are both stable at {where}, in {labels.counted(count, size, 'loop')}."
     else:
         yield "Up and down the motion is the same, steady or vibrating, at each value: there is no hysteresis."
     at = dataset.isel({dim: 0 for dim in dataset["status"].dims})

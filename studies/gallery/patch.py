@@ -107,13 +107,15 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         yield (
             f"Steady sliding is unstable from mu = {labels.number(point['onset_mu'].item())} on with a point, from"
             f" {onsets} on with a patch of {length} mm: two closed contacts keep P1's tip from turning, until"
-            f" friction has tilted the foot. Closed are {rest} at rest, {sliding} at the onset."
+            f" friction has tilted the foot. At rest {rest} contacts are closed, at the onset {sliding}."
         )
     several = dataset.isel(nodes=dataset["nodes"].values > 2)
-    for over, text in (("nodes", "From three nodes on their number"), ("finer", "A finer step")):
+    for over, text in (("nodes", "The number of nodes, from three on,"), ("finer", "A finer step")):
         if several.sizes["nodes"] and several.sizes[over] > 1:
             stick, open_ = (float((several[n].max(over) - several[n].min(over)).max()) for n in SHARES)
-            text += f" moves the shares of stick and separation by at most {stick:.3f} and {open_:.3f}"
+            text += (
+                f" changes the fraction of time in stick by at most {stick:.3f} and in separation by {open_:.3f}"
+            )
             scatter = max(float(several[f"{n}_std"].max()) for n in SHARES)
             yield f"{text}; between realisations they scatter by up to {scatter:.3f}."
     yield "By number of nodes", table

@@ -74,9 +74,9 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
     told = f"No scene can be compared with linear stability {BELOW}"
     if compared.any():
-        share = labels.number(100.0 * float((codes == 0).where(compared).mean()))
-        told = f"Linear stability {BELOW} predicts whether the rig vibrates at {share} % of"
-        told += f" {int(compared.sum())} compared scenes"
+        count, right = int(compared.sum()), int(((codes == 0) & compared).sum())
+        scenes = f"every one of {count} scenes" if right == count else labels.counted(right, count, "scene")
+        told = f"Linear stability {BELOW} predicts whether the rig vibrates in {scenes}"
     yield f"{told}, {regimes.damping_text(dataset)}."
     table = dataset.assign(dominant_frequency=regimes.dominant_frequency(dataset))
     names = ["stick_fraction", "velocity_rms", "dominant_frequency", "normal_force_999"]

@@ -63,13 +63,16 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     at, count = ranked(dataset), dataset.sizes["sample"]
     where, nominal = f"at {labels.named('theta', at['theta'])}", float(at["nominal_onset_mu"])
     onset = at["onset_mu"].fillna(np.inf).values
-    start = f"from mu = {nominal:.4f} on, {float(at['nominal_onset_frequency']):.0f} Hz"
+    start = f"from mu = {nominal:.4f} on, at {float(at['nominal_onset_frequency']):.0f} Hz"
+    names = at["text"].values[at["sobol_total"].values >= DOMINANT]
     below, never = 100.0 * np.mean(onset <= nominal), 100.0 * np.mean(np.isinf(onset))
-    yield (
-        f"The nominal rig {'does not flutter' if np.isnan(nominal) else f'flutters {start}'} {where}; of {count} "
-        f"uncertain rigs {below:.0f} % flutter below that, {never:.3g} % do not (modes below {BAND / 1e3:g} kHz). "
-        f"Dominant parameters: {', '.join(at['text'].values[at['sobol_total'].values >= DOMINANT]) or 'none'}."
-    )
+    nominally = f"flutters {start}" if np.isfinite(nominal) else "does not flutter"
+    told = f"The nominal rig {nominally} {where}, in modes below {BAND / 1e3:g} kHz."
+    if np.isfinite(nominal):
+        told += f" {below:.0f} % of {count} uncertain rigs begin to flutter at a lower mu."
+    all_or_none = {0.0: "Every one flutters", 100.0: "None flutters"}
+    told += f" {all_or_none.get(never, f'{never:.3g} % do not flutter')} for mu up to {MU_MAX:g}."
+    yield f"{told} Dominant parameters: {', '.join(names) or 'none'}."
     ends = np.array([RISKS, *uncertainty.wilson(RISKS, count)])
     rows = np.vstack([100.0 * ends[0], np.quantile(onset, ends, method="inverted_cdf")]).T
     table = pd.DataFrame(rows, columns=["unstable rigs %", "from mu", "95 % interval: from", "to"])

@@ -93,9 +93,12 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         return
     names, most = [text_of(name) for name in at["parameter"].values], size.max("pair").fillna(0.0).values
     ranges = zip(names, size.min("pair").values, most, strict=True)
-    matter = ", ".join([f"{name} ({low:.3g} to {high:.3g})" for name, low, high in ranges][:MATTER])
+    matter = ", ".join([f"{name} ({low:.3g} to {high:.3g} %)" for name, low, high in ranges][:MATTER])
     slight = ", ".join(name for name, high in zip(names, most, strict=True) if high < SLIGHT) or "no parameter"
-    yield f"Sensitivities of the onsets' mu{where} are largest by {matter}; below {SLIGHT:g} by {slight}."
+    yield (
+        f"The onsets' mu{where} changes most with {matter}, for a change of 1 %; it changes by less than {SLIGHT:g} %"
+        f" with {slight}."
+    )
     for pair in at["pair"].values:
         one = at.sel(pair=pair)
         columns = {"mu": one["elasticity_mu"], "mu, solved again": 100.0 * one["change_mu"] / one["onset_mu"]}

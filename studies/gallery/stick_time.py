@@ -48,7 +48,10 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     laws = [stick_fit.with_ends(at.isel(law=k), "exponent") for k in range(at.sizes["law"])]
     end = labels.number(1e3 * float(at["intermittence_end"]))
     where = f"mu = {float(at['mu']):g}, F = {float(at['F']):g} N"
-    yield f"At {where} start-up sticks last T ~ V^n, n = {laws[0]}; sustained ones end at {end} mm/s."
+    yield (
+        f"The duration of start-up sticks is proportional to V^n with n = {laws[0]} at {where}; sustained sticks occur"
+        f" up to {end} mm/s."
+    )
     upto, span = f"sustained, up to {end} mm/s", " to ".join(f"{1e3 * V:g}" for V in stick_fit.SPAN)
     third = f"sustained, up to {stick_fit.SLOW:.2f} of that"
     texts = "start-up, 1 to 2 mm/s", upto, third, f"{upto}, within {span}"
@@ -71,6 +74,10 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     columns |= {"ends at mm/s": limit, "V / (μF) mm/s/N": limit / grip, "T V / (μF) μm/N": slow}
     table = labels.frame(near, ["mu", "F"], along="point").assign(**{k: v.values for k, v in columns.items()})
     yield f"Sticks at {labels.named('V', near['V'])}; end of intermittence; T V at the lowest V", table
+    yield (
+        "T: mean duration of a stick; local n: exponent of T ~ V^n between neighbouring speeds; % of time: time in"
+        " sustained sticks; ends at: the highest V with them, also divided by mu F."
+    )
 
 
 def draw(dataset: xr.Dataset) -> figures.Figure:

@@ -72,10 +72,11 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     falling, kinds = mostly_falling(dataset), dataset["status"].copy(data=regimes.kinds(dataset))
     vibrates = kinds.copy(data=regimes.is_of(kinds.values, *regimes.VIBRATING))
     counts = [int(each.sum()) for each in (unstable, without, falling, vibrates, vibrates & ~without)]
+    every, constant, most, moving, only = (labels.counted(count, kinds.size) for count in counts)
     yield (
-        f"Steady sliding is unstable at {counts[0]} of {kinds.size} points, and would be at {counts[1]} if"
-        f" friction kept the coefficient that it has at V; the fall has over half of the growth at {counts[2]}."
-        f" The rig vibrates at {counts[3]}; at {counts[4]} of these it would slide steadily without the fall."
+        f"Steady sliding is unstable at {every}; it would be at {constant} if friction kept its value at V. Falling"
+        f" friction makes more than half of the growth rate at {most}. The rig vibrates at {moving}; at {only} it"
+        f" does so only because friction falls."
     )
     rows = []
     for ratio in dataset["kinetic_ratio"].values:
@@ -83,7 +84,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         codes, growth = kinds.sel(at), dataset["growth_rate"].sel(at)
         texts = [f"{regimes.KINDS[code]} {regimes.span(dataset, codes == code, 'V')}" for code in np.unique(codes)]
         rows.append((ratio, float(growth.max()), regimes.span(dataset, falling.sel(at), "V"), ", ".join(texts)))
-    heads = ["kinetic ratio", "largest growth 1/s", "the fall has over half", "motion"]
+    heads = ["kinetic ratio", "largest growth 1/s", "mostly by falling friction", "motion"]
     yield "By kinetic ratio; ranges are speeds in mm/s", pd.DataFrame(rows, columns=heads)
 
 
@@ -99,7 +100,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     planes.classes(middle, kinds, *sides)
     for axes in (top, middle):
         planes.outline(axes, mostly_falling(dataset), *sides)
-    below.plot([], [], color="black", linewidth=1.5, label="below: the fall has over half")
+    below.plot([], [], color="black", linewidth=1.5, label="below: mostly by falling friction")
     chosen = planes.subset(dataset.sizes["kinetic_ratio"], len(COLOURS))[::-1]
     speeds = labels.readable(dataset["V"]).values
     for k, colour in zip(chosen, COLOURS, strict=False):
@@ -108,7 +109,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
             speeds, at["growth_rate"], color=colour, label=labels.named("kinetic_ratio", at["kinetic_ratio"])
         )
         below.plot(speeds, at["growth_coupled"], color=colour, linestyle=":")
-    below.plot([], [], color="black", linestyle=":", label="share of coupled modes")
+    below.plot([], [], color="black", linestyle=":", label="by coupled modes alone")
     below.axhline(0.0, color=figures.GREY, linewidth=0.8)
     least = min(float(dataset[name].min()) for name in ("growth_rate", "growth_coupled"))
     below.set_yscale("symlog", linthresh=100.0)
@@ -116,7 +117,9 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     for axes in panels:
         planes.set_side(axes, "x", dataset["V"])
         axes.label_outer()
-    figures.letter(panels, ("growth rate of the least stable mode", "regime", "growth rate and its share"))
+    figures.letter(
+        panels, ("growth rate of the least stable mode", "regime", "growth rate, and without the fall of friction")
+    )
     figures.legend_below(figure, panels, 3)
     figure.suptitle("Friction that falls with the speed")
     return figure

@@ -95,13 +95,16 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     )
     most = float(dataset["max_duration"])
     cases = {
-        "A mode is unstable outside of the unstable intervals": (len(theta) > 1) & (unstable > inside.values),
-        f"More than {stability.PAIRS} modes are unstable, and the least stable are kept": unstable
+        "a mode is unstable outside of the unstable intervals": (len(theta) > 1) & (unstable > inside.values),
+        f"more than {stability.PAIRS} modes are unstable, of which the least stable are stored": unstable
         > stability.PAIRS,
-        "The realisations differ in regime": dataset["regime_share"].values < 1.0,
-        f"The longest simulated time, {most:g} s, ended the runs": dataset["duration"].values >= most,
+        "the realisations differ in regime": dataset["regime_share"].values < 1.0,
+        f"the runs stopped at the limit of {most:g} s, before the standard error was as small as requested": dataset[
+            "duration"
+        ].values
+        >= most,
     }
-    yield from (f"{case}: {regimes.ranges(theta, where)}." for case, where in cases.items() if where.any())
+    yield from (f"At {regimes.ranges(theta, where)} {case}." for case, where in cases.items() if where.any())
 
 
 def draw(dataset: xr.Dataset) -> figures.Figure:

@@ -101,7 +101,11 @@ def of_reference(sections: Sequence[Section]) -> str:
     """A line that names the studies which are shown by the reference; "" if none is."""
     studies = [result for result, _ in sections if result.name in registry.names()]
     theirs = [result.name for result in studies if result.is_reference]
-    return f"{len(theirs)} of {len(studies)} studies are the reference's: {', '.join(theirs)}" if theirs else ""
+    own, from_project = len(studies) - len(theirs), "the project's reference"
+    if theirs and not own:
+        return f"you have run none of the studies; all are shown from {from_project}"
+    rest = f"the rest is shown from {from_project}: {', '.join(theirs)}"
+    return f"you have run {own} of the {len(studies)} studies; {rest}" if theirs else ""
 
 
 def page(sections: Sequence[Section], broken: Sequence[str]) -> str:

@@ -108,8 +108,8 @@ class PlanData:
     def __repr__(self) -> str:
         grid, count = self.sweep.grid, self.requested_count
         time = "unknown: there is no earlier run" if math.isnan(self.seconds) else duration(self.seconds)
-        chosen = f"to {count} points ({100.0 * count / self.points:.3g} %)"
-        chosen += " so far; their results may request more" * (self.todo > 0)
+        chosen = f"{count} points ({100.0 * count / self.points:.3g} %)"
+        chosen += " so far; more follow where the results change" * (self.todo > 0)
         others = mixed([*self.environments, environment(self.task.libraries)])
         copies = f" computations for {count} points: equal points are computed once"
         stored = " of these are stored already" + (f", {self.failed} of them failed" if self.failed else "")

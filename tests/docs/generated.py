@@ -16,6 +16,7 @@ from studies import registry
 from studies.answering import claims
 from studies.cli.options import catalogue
 from studies.cli.output import about
+from studies.declaring import labels
 from studies.gallery import stribeck
 from studies.motion import following
 from tests import HOME, make_reference
@@ -55,19 +56,18 @@ def onset(data: xr.Dataset) -> str:
 
 
 def tolerances(data: xr.Dataset) -> str:
-    """Where nine in ten rigs begin to flutter."""
+    """Where 90 % of the rigs begin to flutter."""
     low, high = data["onset_mu"].sel(theta=5.0).quantile([0.05, 0.95]).values
-    return f"nine in ten such rigs flutter first between mu = {low:.4f} and {high:.4f}"
+    return f"squeal starts between mu = {low:.3f} and {high:.3f} in 90 % of rigs built to workshop tolerances"
 
 
 def falling(data: xr.Dataset) -> str:
-    """Up to which speed the fall of friction has most of the growth rate."""
+    """Up to which speed most of the growth rate is due to falling friction."""
     speeds = data["V"].where(stribeck.mostly_falling(data)).max("V")
     low, high = (1e3 * float(speeds.sel(kinetic_ratio=ratio)) for ratio in (0.9, 0.5))
-    decay = 1e3 * float(data["decay_speed"])
     return (
-        f"with decay_speed {decay:.3g} mm/s the fall has most of the growth rate up to {low:.3g} mm/s if friction"
-        f" falls to 0.9 of mu, up to {high:.3g} mm/s if to 0.5"
+        f"falling friction, not mode coupling, drives the squeal below {low:.3g} mm/s if friction drops by a tenth,"
+        f" and below {high:.3g} mm/s if it drops by half"
     )
 
 
@@ -75,8 +75,7 @@ def both_stable(data: xr.Dataset) -> str:
     """The interval in which sliding and vibration are both stable."""
     ends = " to ".join(f"{value:.3f} ± {error:.3f}" for value, error, _ in following.interval(data))
     count, loops = int(data["bistable_low"].notnull().sum()), data["bistable_low"].size
-    found = f"all {loops}" if count == loops else f"{count} of {loops}"
-    return f"sliding and vibration are both stable from mu = {ends}, in {found} loops"
+    return f"sliding and vibration are both stable from mu = {ends}, in {labels.counted(count, loops, 'loop')}"
 
 
 def vibrating(data: xr.Dataset) -> str:

@@ -105,7 +105,7 @@ def test_own_results_come_first_and_findings_are_the_references(written):
     assert [text for text in texts["h3"] if text.startswith("What")] == ["What the project found"]
     assert [text for text in texts["td"] if text.endswith("study")] == ["study", "own study", "study"]
     assert any(re.match(r": Steady sliding flutters from mu = 0\.111\d on", text) for text in texts["/a"])
-    assert told.count("1 of 2 studies are the reference's: fig6") == 1
+    assert told.count("you have run 1 of the 2 studies; the rest is shown from the project's reference: fig6") == 1
     assert re.fullmatch(r"Newest result: \d{1,2} [A-Z][a-z]{2} \d{4}, \d\d:\d\d UTC", texts["p"][1])
 
 

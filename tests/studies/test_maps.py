@@ -137,10 +137,10 @@ def test_every_map_has_its_figure_and_nothing_is_clipped(case):
     [
         ({"quantities": "growth"}, "quantity growth: there is none; did you mean growth_rate"),
         ({"quantities": "loudness"}, "quantity loudness: there is none; choose from growth_rate"),
-        ({"quantities": "regime,onset_mu"}, "motion and onset need different computations"),
+        ({"quantities": "regime,onset_mu"}, "regime and onset_mu need different computations"),
         ({"x": "thata=0:10:3"}, "x thata: growth_rate does not depend on it; did you mean theta"),
         ({"quantities": "onset_mu"}, "y mu: onset_mu does not depend on it"),
-        ({"fix": {"mu": 0.2}}, "fix mu: it varies already"),
+        ({"fix": {"mu": 0.2}}, "y mu: it varies already"),
         ({"fix": {"d1": "normal:50:1"}}, "fix d1: it must have one value"),
     ],
 )
