@@ -93,6 +93,8 @@ def _offering(assignments: Sequence[str], rig: str | None, out: str | None) -> I
             make = shlex.join(["fiv", "rig", called, *file, *sets, *place])
             raise StoreError(f"{problem}; keep both: {make} && {_with_rig(called, own)}") from None
         name = re.sub(r"[^\w.,+-]", "_", "-".join(text.replace("=", "-", 1) for text in assignments))[:LONGEST]
+        if not (out or rig or assignments):
+            raise StoreError(f"{problem}; keep both: {typed('--fresh')} --rig {rigs.PAPER}") from None
         if out or not name:
             raise
         raise StoreError(f"{problem}; for example: {typed('--fresh')} --out {name}") from None

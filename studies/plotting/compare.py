@@ -46,7 +46,7 @@ def draw(pair: Mapping[str, xr.Dataset], note: str) -> figures.Figure:
     figures.legend_below(figure, [top], 3)
     figure.suptitle(f"Steady sliding of the rigs {' and '.join(pair)}")
     below: Any = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "top", "fontsize": 7.0}
-    bottom.annotate(figures.fitted(note, 19.0), (0.0, 0.0), (0.0, -32.0), **below)
+    bottom.annotate(figures.fitted(note, 22.0), (0.0, 0.0), (0.0, -32.0), **below)
     return figure
 
 
