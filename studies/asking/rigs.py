@@ -88,7 +88,7 @@ def named(name: str, out: str | Path | None = None) -> NamedRig:
         near = f"did you mean {name}.toml? " if Path(f"{name}.toml").is_file() else ""
         near = near or suggest(name, [*names(out), PAPER])
         make = shlex.join(["fiv", "rig", name, "--set", "p1_length=60mm", *_out(out)])
-        raise MissingFileError(f"rig {name!r}: {folder.parent} has no such rig; {near}make it with: {make}")
+        raise MissingFileError(f"rig {name!r}: there is none in {folder.parent}; {near}make it with: {make}")
     rig = replace(of_file(folder / results.RIG_FILE), name=name, folder=folder)
     try:
         _check(rig, ())  # it may have been edited

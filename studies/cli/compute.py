@@ -50,6 +50,7 @@ def run(study: str, fail_fast: bool, yes: bool, share: str | None, **points: Any
     \b
     fiv run fig5
     fiv run fig5 --set theta=8 --set p1_length=60mm --out elsewhere
+    fiv run fig5 --rig mine                       a rig with a name (fiv rig)
     fiv run scenes --set V=1,2mm/s --record velocity_B --sample-rate 50e3
     fiv run robust --scatter p1_thickness=uniform:1.4:1.6mm --samples 256
     fiv run fig5 --points rigs.csv --out rigs

@@ -28,7 +28,7 @@ def rig(name: str | None, source: str | None, assignments: tuple[str, ...], out:
     """Name a rig; or show one, or all.
 
     \b
-    fiv rig mine --set p1_length=60mm --set head_mass=2kg
+    fiv rig mine --set p1_length=60mm --set theta=8
     fiv rig softer mine --set p2_young_modulus=70GPa
     fiv run fig5 --rig mine
     fiv compare mine paper
