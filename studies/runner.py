@@ -103,7 +103,7 @@ def plan(
     if is_own(results_folder(out)) or is_own(results_folder(out).parent):
         raise InputError(f"{results_folder(out)}: runs only read the reference; choose another folder (out=...)")
     if (inside := rig_in(results_folder(out))) and request.rig != inside:
-        raise InputError(f"{results_folder(out)}: it is the folder of the rig {inside!r}; write rig={inside}")
+        raise InputError(f"{results_folder(out)}: it is the folder of the rig {inside!r}; write rig={inside!r}")
     values = request.values_of(one)
     sweep = sweep_of(one, values, **request.points_of(one))
     if request.sides:

@@ -88,8 +88,13 @@ def named(name: str, out: str | Path | None = None) -> NamedRig:
         near = f"did you mean {name}.toml? " if Path(f"{name}.toml").is_file() else ""
         near = near or suggest(name, [*names(out), PAPER])
         make = shlex.join(["fiv", "rig", name, "--set", "p1_length=60mm", *_out(out)])
-        raise MissingFileError(f"rig {name!r}: {folder.parent} has no such rig; {near}make it with: {make}")
-    return replace(of_file(folder / results.RIG_FILE), name=name, folder=folder)
+        raise MissingFileError(f"rig {name!r}: there is none in {folder.parent}; {near}make it with: {make}")
+    rig = replace(of_file(folder / results.RIG_FILE), name=name, folder=folder)
+    try:
+        _check(rig, ())  # it may have been edited
+    except InputError as problem:
+        raise InputError(f"{folder / results.RIG_FILE}: {problem}") from None
+    return rig
 
 
 def found(rig: str | Path | None, out: str | Path | None) -> tuple[NamedRig | None, str | Path | None]:

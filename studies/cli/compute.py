@@ -50,6 +50,7 @@ def run(study: str, fail_fast: bool, yes: bool, share: str | None, **points: Any
     \b
     fiv run fig5
     fiv run fig5 --set theta=8 --set p1_length=60mm --out elsewhere
+    fiv run fig5 --rig mine                       a rig with a name (fiv rig)
     fiv run scenes --set V=1,2mm/s --record velocity_B --sample-rate 50e3
     fiv run robust --scatter p1_thickness=uniform:1.4:1.6mm --samples 256
     fiv run fig5 --points rigs.csv --out rigs
@@ -93,6 +94,8 @@ def _offering(assignments: Sequence[str], rig: str | None, out: str | None) -> I
             make = shlex.join(["fiv", "rig", called, *file, *sets, *place])
             raise StoreError(f"{problem}; keep both: {make} && {_with_rig(called, own)}") from None
         name = re.sub(r"[^\w.,+-]", "_", "-".join(text.replace("=", "-", 1) for text in assignments))[:LONGEST]
+        if not (out or rig or assignments):
+            raise StoreError(f"{problem}; keep both: {typed('--fresh')} --rig {rigs.PAPER}") from None
         if out or not name:
             raise
         raise StoreError(f"{problem}; for example: {typed('--fresh')} --out {name}") from None

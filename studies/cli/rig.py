@@ -28,7 +28,7 @@ def rig(name: str | None, source: str | None, assignments: tuple[str, ...], out:
     """Name a rig; or show one, or all.
 
     \b
-    fiv rig mine --set p1_length=60mm --set head_mass=2kg
+    fiv rig mine --set p1_length=60mm --set theta=8
     fiv rig softer mine --set p2_young_modulus=70GPa
     fiv run fig5 --rig mine
     fiv compare mine paper
@@ -102,6 +102,7 @@ def compare(a: str, b: str, out: str | None) -> None:
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies import runner
     from studies.answering import results, summary
+    from studies.answering.results import structure_in
     from studies.asking import rigs
     from studies.plotting import compare as drawing
     from studies.plotting import figures
@@ -120,10 +121,9 @@ def compare(a: str, b: str, out: str | None) -> None:
         if all(files.values()):
             motions[study] = {name: results.open_dataset(str(file)) for name, file in files.items()}
     show(summary.text(tables.parts(pair, motions)))
-    lines = [
-        f"{name}: {rigs.named(name, out).title}, {figures.place(data, 'theta')}" for name, data in pair.items()
-    ]
-    note = f"{'; '.join(lines)}. Modes below 10 kHz."
+    titles = {name: rigs.named(name, out).title for name in pair}
+    own = {name: "" if structure_in(data) else f", {figures.place(data, 'theta')}" for name, data in pair.items()}
+    note = "; ".join(f"{name}: {titles[name]}{own[name]}" for name in pair) + ". Modes below 10 kHz."
     target = results.results_folder(out) / "compare" / f"{a}-{b}.png"
     digest = " ".join(figures.data_digest(data) for data in pair.values())
     with figures.style(), runner.written(target) as temporary:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from studies.declaring import labels
 from studies.physics.classical import (
     DAMPING,
     bar,

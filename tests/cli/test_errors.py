@@ -196,9 +196,9 @@ def test_no_text_of_a_file_or_an_argument_reaches_a_terminal_as_it_is(here, own,
 @pytest.mark.usefixtures("undrawn")
 def test_a_refused_folder_comes_with_a_command_that_works(here):
     assert here("run", "fig5", "--set", "mu=0.1,0.2", "-q").returncode == 0
-    done = here("run", "fig5", "--set", "mu=0.1,0.2", "--set", "p1_length=60mm")
+    done = here("run", "fig5", "--set", "mu=0.1,0.2", "--set", "theta=8")
     offered = done.stderr.rstrip().partition("; for example: fiv ")[2]
-    assert (done.returncode, offered.endswith("--out mu-0.1,0.2-p1_length-60mm")) == (3, True)
+    assert (done.returncode, offered.endswith("--out mu-0.1,0.2-theta-8")) == (3, True)
     assert here(*shlex.split(offered)).returncode == 0
     assert "for example" not in here("run", "fig5", "--set", "theta=8", "--out", "results").stderr
 
