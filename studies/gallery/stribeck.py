@@ -99,7 +99,13 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     planes.classes(middle, kinds, *sides)
     for axes in (top, middle):
         planes.outline(axes, mostly_falling(dataset), *sides)
-    below.plot([], [], color="black", linewidth=1.5, label="below: the fall has over half")
+    below.plot(
+        [],
+        [],
+        color="black",
+        linewidth=1.5,
+        label="below this line most of the growth\ncomes from the fall of friction",
+    )
     chosen = planes.subset(dataset.sizes["kinetic_ratio"], len(COLOURS))[::-1]
     speeds = labels.readable(dataset["V"]).values
     for k, colour in zip(chosen, COLOURS, strict=False):
@@ -108,7 +114,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
             speeds, at["growth_rate"], color=colour, label=labels.named("kinetic_ratio", at["kinetic_ratio"])
         )
         below.plot(speeds, at["growth_coupled"], color=colour, linestyle=":")
-    below.plot([], [], color="black", linestyle=":", label="share of coupled modes")
+    below.plot([], [], color="black", linestyle=":", label="without the fall: coupled modes")
     below.axhline(0.0, color=figures.GREY, linewidth=0.8)
     least = min(float(dataset[name].min()) for name in ("growth_rate", "growth_coupled"))
     below.set_yscale("symlog", linthresh=100.0)
@@ -116,7 +122,9 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     for axes in panels:
         planes.set_side(axes, "x", dataset["V"])
         axes.label_outer()
-    figures.letter(panels, ("growth rate of the least stable mode", "regime", "growth rate and its share"))
+    figures.letter(
+        panels, ("growth rate of the least stable mode", "regime", "growth rate, with the fall and without")
+    )
     figures.legend_below(figure, panels, 3)
     figure.suptitle("Friction that falls with the speed")
     return figure
