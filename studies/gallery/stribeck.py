@@ -122,9 +122,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     for axes in panels:
         planes.set_side(axes, "x", dataset["V"])
         axes.label_outer()
-    figures.letter(
-        panels, ("growth rate of the least stable mode", "regime", "growth rate, with the fall and without")
-    )
+    figures.letter(panels, ("growth rate of the least stable mode", "regime", "growth rate, and without the fall"))
     figures.legend_below(figure, panels, 3)
     figure.suptitle("Friction that falls with the speed")
     return figure

@@ -57,7 +57,11 @@ def regime_strips(axes: figures.Axes, dataset: xr.Dataset, papers: bool) -> None
     for k, (low, high, hertz) in enumerate(windows):
         less, more = "< " * bool(low <= theta[0]), "> " * bool(high >= theta[-1])
         text = f"unstable, {less}{low:.2f}° to {more}{high:.2f}°, {hertz:.0f} Hz"
-        look = {"color": "white", "edgecolor": figures.COLOURS[k % len(figures.COLOURS)], "linewidth": 1.4}
+        look: dict[str, Any] = {
+            "color": "white",
+            "edgecolor": figures.COLOURS[k % len(figures.COLOURS)],
+            "linewidth": 1.4,
+        }
         axes.barh(1.25 + 0.5 * k, high - low, 0.36, left=low, **look, label=text)
     top = 1.0 + 0.5 * max(len(windows), 1)
     axes.set_yticks([-0.6, 0.4, 0.5 * (1.0 + top)], ["paper's text", "realisations", "unstable"])

@@ -62,6 +62,9 @@ SOURCE = {"png": "Source", "svg": "Source", "pdf": "Keywords"}
 UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
 # Of a large variable so many bytes are read at a time.
 READ_BYTES = 1 << 24
+# What is taken of a user's matplotlibrc: how things look.
+LOOKS = ("axes boxplot contour date errorbar figure font grid hatch hist image legend lines markers mathtext patch"
+         " path pcolor pdf ps savefig scatter svg text xaxis xtick yaxis ytick").split()  # fmt: skip
 # Lines of a figure's title; what is longer goes below. Gap between parts of a figure, cm.
 LINES, GAP = 2, 0.15
 
@@ -79,7 +82,7 @@ def style(
     path, look = matplotlib.matplotlib_fname(), dict[str, Any]()
     if Path(path).parent != Path(matplotlib.get_data_path()):
         own = matplotlib.rc_params_from_file(path, use_default_template=False)
-        look = {key: value for key, value in own.items() if key not in matplotlib.style.core.STYLE_BLACKLIST}
+        look = {key: value for key, value in own.items() if key.partition(".")[0] in LOOKS}
     metres = None if width is None else spec.one(str(width), "width", "m")
     if metres is not None and not NARROWEST <= 1e3 * metres <= WIDEST:
         raise InputError(f"width = {width}: it must be from {NARROWEST:g}mm to {WIDEST:g}mm")
@@ -96,7 +99,7 @@ def style(
         if settings["font.size"] == LARGE and not is_wide():  # nobody has set it
             settings["font.size"] = SMALL
         if font is not None:
-            settings.update(_typeface(font))
+            settings.update(_typeface(font))  # type: ignore[arg-type]
         yield
     finally:
         context.__exit__(None, None, None)
@@ -302,10 +305,10 @@ def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = T
     top = gap
     figure.suptitle("\n".join(lines[:LINES]), va="top")
     if lines:
-        top += figure._suptitle.get_window_extent().height + gap
+        top += figure._suptitle.get_window_extent().height + gap  # type: ignore[attr-defined]
     total = high + bottom + top
     figure.set_size_inches(wide / figure.dpi, total / figure.dpi)
-    figure._suptitle.set(y=1.0 - gap / total, in_layout=False)
+    figure._suptitle.set(y=1.0 - gap / total, in_layout=False)  # type: ignore[attr-defined]
     if foot:
         foot.set(y=gap / total, in_layout=False)
     if key:
@@ -326,7 +329,7 @@ def _points(name: str) -> float:
     from matplotlib import rcParams
     from matplotlib.font_manager import FontProperties
 
-    return float(FontProperties(size=rcParams[name]).get_size_in_points())
+    return float(FontProperties(size=rcParams[name]).get_size_in_points())  # type: ignore[index]
 
 
 def wrapped(figure: Figure, text: str, width: float, size: str | float) -> str:
@@ -352,7 +355,7 @@ def _legend(figure: Figure, width: float) -> Any:
     """The figure's legend in as many columns as have room."""
     if not figure.legends:
         return None
-    entries, most = vars(figure.legends[0])["entries"], figure.legends[0]._ncols
+    entries, most = vars(figure.legends[0])["entries"], figure.legends[0]._ncols  # type: ignore[attr-defined]
     handles, texts = [*entries.values()], [*entries]
     for columns in range(min(most, len(texts)), 0, -1):
         figure.legends[-1].remove()

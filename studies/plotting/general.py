@@ -201,7 +201,8 @@ def _draw_scatter(done: xr.Dataset, names: Sequence[str], title: str) -> figures
         str(n) for n, c in done.coords.items() if c.dims == dims[:1] and n not in PATHS and c.dtype.kind in "if"
     ]
     left_out = planes.of_all(varied[: most_across()], len(varied), "parameters")
-    varied, how = varied[: most_across()], {"stack": False, "sharey": "row", "sharex": "col"}
+    varied = varied[: most_across()]
+    how: dict[str, Any] = {"stack": False, "sharey": "row", "sharex": "col"}
     figure, panels = figures.panels(len(names), max(len(varied), 1), 4.5, **how)
     for k, axes in enumerate(panels):
         name, over = names[k // max(len(varied), 1)], done[varied[k % len(varied)]] if varied else done[dims[0]]
