@@ -98,7 +98,7 @@ def scenes(data: xr.Dataset) -> pd.DataFrame:
 
 def figure(data: xr.Dataset) -> Figure:
     """Error against cost of each group of scenes, error of every setting, and the time to a standard error."""
-    figure, panels = figures.mosaic([[*"ab"], [*"cc"], [*"dd"]], 5.5, 8.5, 4.0)
+    figure, panels = figures.mosaic([[*"ab"], [*"cc"], [*"dd"]], 5.5, 10.5, 4.5)
     panels["b"].sharey(panels["a"])
     for letter, group in zip("ab", GROUPS, strict=True):
         _draw_costs(panels[letter], table(data), group)

@@ -77,7 +77,10 @@ def fixed_parts(study: Study, dataset: xr.Dataset, *, figure: bool = False) -> l
 
 def was_set(study: Study, dataset: xr.Dataset) -> str:
     """What was set, for the small print of a figure."""
-    parts = fixed_parts(study, dataset, figure=True)
+    parts = [
+        labels.named(str(d), dataset[d][0]) for d in dataset["status"].dims if dataset.sizes[d] == 1 and d in SCENE
+    ]
+    parts += fixed_parts(study, dataset, figure=True)
     if "numerical_damping" in dataset.coords and not dataset["numerical_damping"].ndim:
         published = str(dataset["numerical_damping"].values) == "published"
         parts = [part for part in parts if not part.startswith("numerical damping")]

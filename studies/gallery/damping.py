@@ -99,8 +99,8 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     if varies:
         bar = figure.colorbar(mesh, ax=[*panels.values()], location="bottom", aspect=60, pad=0.02)
         bar.set_label("share of the realisations in which the statement holds")
-    about = f"{int(dataset['members'])} realisations" + f"; statements that hold {text}" * bool(text)
-    figure.suptitle(f"Damping and the paper's statements on motion: {about}")
+    figure.suptitle(f"Damping and the paper's statements on motion: {int(dataset['members'])} realisations")
+    figure.supxlabel(f"statements that hold {text}" if text else "")
     return figure
 
 

@@ -82,9 +82,15 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         shape.plot(*faint, color=figures.GREY, alpha=0.5, linewidth=0.6, label="other phases")
         shape.plot(*place, color=figures.BLACK, linewidth=0.8, linestyle="--", label="undeformed")
         shape.plot(*(place + scale * moved.real), color=colour, linewidth=2.0, label=f"P{beam}")
+    head = 1e3 * np.array([dataset["node_x"], dataset["node_y"]])[:, int(np.argmax(dataset["node_y"].values))]
+    shape.plot(*head, "s", color=figures.GREY, markersize=12.0, label="head with the load F", zorder=1.5)
+    arrow: dict[str, Any] = {"arrowprops": {"arrowstyle": "-|>", "color": figures.BLACK}, "va": "center"}
+    shape.annotate("V", (-45.0, 20.0), (-72.0, 20.0), **arrow)
+    shape.margins(y=0.15)
     shape.set(aspect="equal", xlabel="x from the contact / mm", ylabel="y / mm")
-    title = f"root locus, μ from {mu[0]:g} (marked) to {mu[-1]:g}, θ = {float(dataset['theta']):g}°"
-    figures.letter((locus, shape), (title, f"unstable mode at lock-in, {hertz:.0f} Hz (not to scale)"))
+    figure.suptitle("Lock-in of two modes")
+    titles = f"root locus, μ from {mu[0]:g} (marked) to {mu[-1]:g}", f"growing mode, {hertz:.0f} Hz, enlarged"
+    figures.letter((locus, shape), titles)
     figures.legend_below(figure, [locus, shape], 3)
     return figure
 

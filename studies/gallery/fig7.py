@@ -99,18 +99,7 @@ def draw(dataset: xr.Dataset, measured: Signal | None = None) -> figures.Figure:
         if papers and float(dataset["V"][k]) in paper.SPEEDS:
             signals.mark_lines(right, paper.LINES, "--", "dominant frequency and harmonics")
             signals.mark_lines(right, paper.OTHER_LINES, ":", "other peaks")
-    first, spectrum = panels[0][0], panels[0][2]
-    for left, _, right in panels[1:]:
-        left.sharex(first)
-        left.sharey(first)
-        right.sharex(spectrum)
-        right.sharey(spectrum)
-    first.set_xlim(0.0, float(dataset["duration"]))
-    signals.finish_spectra(spectrum, DEPTH)
-    for left, _, right in panels:
-        left.set_ylabel("velocity of B / (mm/s)")
-        right.set(xlabel="", ylabel=spectrum.get_ylabel())
-    signals.name_sides(panels)
+    signals.compare(panels, float(dataset["duration"]), DEPTH)
     figures.legend_below(figure, [axes for row in panels for axes in row], 3)
     figure.suptitle(f"Velocity of B along x{planes.of_all(rows, dataset.sizes['V'], 'speeds')}")
     return figure

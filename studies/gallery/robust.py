@@ -127,8 +127,10 @@ def _draw_plane(axes: figures.Axes, dataset: xr.Dataset) -> None:
     for level, style in CONTOURS.items():
         if (share > level).any() and (share < level).any():
             look: dict[str, Any] = {"levels": [level], "linestyles": [style], "linewidths": 1.3}
-            axes.contour(share["theta"], share["mu"], share, colors="white", **look)
-            axes.plot([], [], color=figures.GREY, linestyle=style, label=f"probability {level:g}")
+            # Seen on light and dark.
+            axes.contour(share["theta"], share["mu"], share, levels=[level], colors="white", linewidths=2.8)
+            axes.contour(share["theta"], share["mu"], share, colors="black", **look)
+            axes.plot([], [], color=figures.BLACK, linestyle=style, label=f"probability {level:g}")
     axes.plot(share["theta"], dataset["nominal_onset_mu"], color=figures.RED, label="nominal rig", scaley=False)
     if is_papers_rig(dataset):
         planes.marks(axes, [(paper.THETA, mu) for mu, _ in paper.ONSETS], **planes.PAPER["first unstable μ"])

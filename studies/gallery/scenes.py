@@ -14,7 +14,7 @@ from studies import paper
 from studies.declaring import labels
 from studies.motion import ensemble, regimes, run, series
 from studies.motion.jobs import Job, outcomes
-from studies.plotting import contacts
+from studies.plotting import contacts, general
 from studies.plotting.regimes import draw_planes
 from studies.study import Parameter, Study
 from sweeps import DONE, Variable
@@ -80,7 +80,10 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 def draw(dataset: xr.Dataset) -> Figure:
     """Regimes, or where the state of several contacts was recorded, who sticks, slips and is open."""
     recorded = "contact_state" in dataset and bool((dataset["status"] == DONE).any())
-    return contacts.draw(dataset) if recorded else draw_planes(dataset)
+    if recorded:
+        return contacts.draw(dataset)
+    varying = [name for name in dataset["status"].dims if dataset.sizes[name] > 1]
+    return draw_planes(dataset) if len(varying) > 1 else general.draw(dataset)
 
 
 STUDY = Study(

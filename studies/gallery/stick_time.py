@@ -86,7 +86,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     (times, products, spread, collapse), at = panels, stick_fit.at_paper(dataset)
     V = 1e3 * np.abs(at["V"].values)
     for axes, text in ((times, "mean stick time / ms"), (products, "T V / μm")):
-        axes.set(xscale="log", xlim=(0.9 * V.min(), 1.1 * V.max()), xlabel="V / (mm/s)", ylabel=text)
+        axes.set(xscale="log", xlim=(0.85 * V.min(), 1.15 * V.max()), xlabel="V / (mm/s)", ylabel=text)
     times.set_yscale("log")
     for kind, look in LOOKS.items():
         mean, *ends = 1e3 * stick_fit.means(at, kind)
@@ -108,7 +108,11 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     spread.set(xlabel="T V / μm", ylabel="fraction of the sticks below")
     draw_collapse(collapse, dataset)
     figures.one_two_five(times.xaxis, times.yaxis, products.xaxis, collapse.xaxis)
-    figures.letter(panels, ("mean", "mean × speed", "sustained sticks", "all μ and F; open: start-up"))
+    opened = any(str(line.get_markerfacecolor()) == "none" for line in collapse.lines)
+    figures.letter(
+        panels, ("mean", "mean × speed", "sustained sticks", "all μ and F" + "; open: start-up" * opened)
+    )
+    figure.supxlabel(f"means of fewer than {stick_fit.LEAST_STICKS:g} sticks a realisation are left out")
     figures.legend_below(figure, [times, products], 3)
     figure.suptitle(f"Duration of long sticks; (a) to (c) at {figures.place(at, 'mu', 'F')}")
     return figure
@@ -116,7 +120,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
 
 def draw_collapse(axes: figures.Axes, dataset: xr.Dataset) -> None:
     """T V / (mu F) over V / (mu F): one curve, if friction and load do no more than scale."""
-    axes.set(xscale="log", xlabel="V / (μF) / (mm/s/N)", ylabel="T V / (μF) / (μm/N)")
+    axes.set(xscale="log", xmargin=0.1, xlabel="V / (μF) / (mm/s/N)", ylabel="T V / (μF) / (μm/N)")
     frictions = list(zip(dataset["mu"].values[dataset["mu"].values > 0.0], figures.COLOURS, strict=False))
     loads, V = list(zip(dataset["F"].values, MARKERS, strict=False)), np.abs(dataset["V"].values)
     look: dict[str, Any] = {"linestyle": "none", "markersize": 4.0, "markeredgewidth": 0.7}
@@ -130,7 +134,7 @@ def draw_collapse(axes: figures.Axes, dataset: xr.Dataset) -> None:
         axes.plot([], [], color=figures.GREY, marker=marker, label=f"F = {F:g} N", **look)
     axes.set_ylim(bottom=0.0)
     if axes.lines:
-        axes.legend(loc="lower left", fontsize=6.5, ncols=2)
+        axes.legend(loc="lower left", ncols=2, handletextpad=0.1, columnspacing=0.8)
 
 
 STUDY = Study(

@@ -116,7 +116,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         figures.spans(axes, bounds, color=figures.BLACK, alpha=0.06, zorder=0.5)
     angles.points(lines, 1e-3 * dataset["frequency"].where(dataset["frequency"] > 0.0), "unstable pair")
     dominant = 1e-3 * dataset["member_dominant_frequency"]
-    angles.points(lines, dominant, "dominant, of each realisation", color=figures.BLUE)
+    angles.points(lines, dominant, "dominant, of each realisation", color=figures.BLUE, mfc="none", markersize=5.0)
     if papers:
         angles.paper_frequencies(lines, theta)
     lines.set(yscale="log", ylabel="frequency / kHz")

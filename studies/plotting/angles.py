@@ -31,11 +31,12 @@ def points(axes: figures.Axes, array: xr.DataArray, label: str, **look: Any) -> 
 
 def paper_frequencies(axes: figures.Axes, theta: Any) -> None:
     """The frequencies of the paper's text, in kHz."""
-    look: dict[str, Any] = {"markerfacecolor": "none", "color": figures.RED, "markersize": 7.0, "zorder": 4.0}
-    for text, (of, marker) in PAPER.items():
+    look: dict[str, Any] = {"markerfacecolor": "none", "color": figures.RED, "zorder": 4.0}
+    # Each within the one before, for many lie on one spot.
+    for (text, (of, marker)), size in zip(PAPER.items(), (10.0, 4.5, 7.0), strict=True):
         places = [(x, 1e-3 * f) for x in of if x in theta for f in np.ravel(of[x])]
         if places:
-            axes.plot(*zip(*places, strict=True), marker, label=f"paper: {text}", **look)
+            axes.plot(*zip(*places, strict=True), marker, markersize=size, label=f"paper: {text}", **look)
 
 
 def regime_strips(axes: figures.Axes, dataset: xr.Dataset, papers: bool) -> None:
@@ -55,9 +56,13 @@ def regime_strips(axes: figures.Axes, dataset: xr.Dataset, papers: bool) -> None
     windows = dataset[["window_from", "window_to", "window_peak_frequency"]].to_array().values.T
     for k, (low, high, hertz) in enumerate(windows):
         less, more = "< " * bool(low <= theta[0]), "> " * bool(high >= theta[-1])
-        place, text = (0.5 * (low + high), 1.25 + 0.5 * k), f"{less}{low:.2f}° to {more}{high:.2f}°"
-        axes.barh(place[1], high - low, 0.4, left=low, color="white", edgecolor=figures.GREY)
-        axes.annotate(f"{text}, {hertz:.0f} Hz", place, ha="center", va="center_baseline")
+        text = f"unstable, {less}{low:.2f}° to {more}{high:.2f}°, {hertz:.0f} Hz"
+        look: dict[str, Any] = {
+            "color": "white",
+            "edgecolor": figures.COLOURS[k % len(figures.COLOURS)],
+            "linewidth": 1.4,
+        }
+        axes.barh(1.25 + 0.5 * k, high - low, 0.36, left=low, **look, label=text)
     top = 1.0 + 0.5 * max(len(windows), 1)
     axes.set_yticks([-0.6, 0.4, 0.5 * (1.0 + top)], ["paper's text", "realisations", "unstable"])
     axes.grid(False)

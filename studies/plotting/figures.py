@@ -44,6 +44,8 @@ WIDTH, WIDE, LARGE, SMALL = 180.0, 130.0, 8.0, 7.0
 NARROWEST, WIDEST = 40.0, 1000.0
 STYLE: Any = {
     "figure.figsize": (WIDTH / 25.4, 0.75 * WIDTH / 25.4),
+    # Texts are as wide on paper as where they are measured.
+    "figure.dpi": 200.0, "text.hinting": "none",
     "font.size": LARGE, "axes.titlesize": "medium", "figure.titlesize": "large", "lines.linewidth": 1.2,
     "axes.spines.top": False, "axes.spines.right": False, "axes.axisbelow": True,
     "axes.grid": True, "grid.color": "#e0e0e0", "grid.linewidth": 0.6,
@@ -60,6 +62,9 @@ SOURCE = {"png": "Source", "svg": "Source", "pdf": "Keywords"}
 UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
 # Of a large variable so many bytes are read at a time.
 READ_BYTES = 1 << 24
+# What is taken of a user's matplotlibrc: how things look.
+LOOKS = ("axes boxplot contour date errorbar figure font grid hatch hist image legend lines markers mathtext patch"
+         " path pcolor pdf ps savefig scatter svg text xaxis xtick yaxis ytick").split()  # fmt: skip
 # Lines of a figure's title; what is longer goes below. Gap between parts of a figure, cm.
 LINES, GAP = 2, 0.15
 
@@ -77,7 +82,7 @@ def style(
     path, look = matplotlib.matplotlib_fname(), dict[str, Any]()
     if Path(path).parent != Path(matplotlib.get_data_path()):
         own = matplotlib.rc_params_from_file(path, use_default_template=False)
-        look = {key: value for key, value in own.items() if key not in matplotlib.style.core.STYLE_BLACKLIST}
+        look = {key: value for key, value in own.items() if key.partition(".")[0] in LOOKS}
     metres = None if width is None else spec.one(str(width), "width", "m")
     if metres is not None and not NARROWEST <= 1e3 * metres <= WIDEST:
         raise InputError(f"width = {width}: it must be from {NARROWEST:g}mm to {WIDEST:g}mm")
@@ -94,7 +99,7 @@ def style(
         if settings["font.size"] == LARGE and not is_wide():  # nobody has set it
             settings["font.size"] = SMALL
         if font is not None:
-            settings.update(_typeface(font))
+            settings.update(_typeface(font))  # type: ignore[arg-type]
         yield
     finally:
         context.__exit__(None, None, None)
@@ -155,10 +160,11 @@ def data_digest(dataset: xr.Dataset) -> str:
 
 def saved(figure: Figure, form: str, digest: str) -> bytes:
     """A figure as a file of this format, with the digest of the data that it shows among its metadata."""
-    # The layout needs the ticks, which the first drawing chooses.
-    figure.draw_without_rendering()
+    if figure.get_layout_engine() is not None:
+        # It needs the ticks, which the first drawing chooses.
+        figure.draw_without_rendering()
     file = BytesIO()
-    figure.savefig(file, format=form, dpi=200, metadata=UNDATED[form] | {SOURCE[form]: digest})
+    figure.savefig(file, format=form, dpi="figure", metadata=UNDATED[form] | {SOURCE[form]: digest})
     return file.getvalue()
 
 
@@ -182,7 +188,7 @@ def panels(
     by_column = options.get("sharex") == "col"
     figure, count = _figure(columns * sum(each)), rows * columns
     order = [divmod(k, rows)[::-1] if by_column else divmod(k, columns) for k in range(count)]
-    grid, found = figure.add_gridspec(count, 1, height_ratios=[each[row] for row, _ in order]), dict[Any, Axes]()
+    grid, found = figure.add_gridspec(count, 1, height_ratios=[each[row] for row, _ in order]), dict[Any, Any]()
     for k, (row, column) in enumerate(order):
         shared = found.get((0, column)) if by_column else None
         found[row, column] = figure.add_subplot(grid[k], sharex=shared)
@@ -206,6 +212,8 @@ def _figure(height: float) -> Figure:
     height *= 1.0 if is_wide() else 0.85
     figure = Figure(figsize=(width_cm() / 2.54, height / 2.54), layout="constrained")
     FigureCanvasAgg(figure)  # which measures texts
+    # Labels of panels that span several columns reach into the margin.
+    figure.get_layout_engine().set(w_pad=0.08)  # type: ignore[union-attr, call-arg]
     return figure
 
 
@@ -283,7 +291,7 @@ def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = T
     wide, high = figure.get_size_inches() * figure.dpi
     gap = GAP / 2.54 * figure.dpi
     lines = wrapped(figure, heading, wide - 2 * gap, "figure.titlesize").split("\n") if title and heading else []
-    below = [" ".join(lines[LINES:]), told if title else "", warning]
+    below = [" ".join(lines[LINES:]), figure.get_supxlabel(), told if title else "", warning]
     text = wrapped(figure, "; ".join(filter(None, below)), wide - 2 * gap, "font.size")
     foot = (
         figure.supxlabel(text, x=gap / wide, ha="left", va="bottom", fontsize=_points("font.size"))
@@ -297,10 +305,10 @@ def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = T
     top = gap
     figure.suptitle("\n".join(lines[:LINES]), va="top")
     if lines:
-        top += figure._suptitle.get_window_extent().height + gap
+        top += figure._suptitle.get_window_extent().height + gap  # type: ignore[attr-defined]
     total = high + bottom + top
     figure.set_size_inches(wide / figure.dpi, total / figure.dpi)
-    figure._suptitle.set(y=1.0 - gap / total, in_layout=False)
+    figure._suptitle.set(y=1.0 - gap / total, in_layout=False)  # type: ignore[attr-defined]
     if foot:
         foot.set(y=gap / total, in_layout=False)
     if key:
@@ -312,6 +320,8 @@ def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = T
         engine.execute(figure)
         for axes in figure.axes:
             _fit(figure, axes)
+    engine.execute(figure)
+    figure.set_layout_engine("none")  # places stay
     return figure
 
 
@@ -319,7 +329,7 @@ def _points(name: str) -> float:
     from matplotlib import rcParams
     from matplotlib.font_manager import FontProperties
 
-    return float(FontProperties(size=rcParams[name]).get_size_in_points())
+    return float(FontProperties(size=rcParams[name]).get_size_in_points())  # type: ignore[index]
 
 
 def wrapped(figure: Figure, text: str, width: float, size: str | float) -> str:
@@ -345,7 +355,7 @@ def _legend(figure: Figure, width: float) -> Any:
     """The figure's legend in as many columns as have room."""
     if not figure.legends:
         return None
-    entries, most = vars(figure.legends[0])["entries"], figure.legends[0]._ncols
+    entries, most = vars(figure.legends[0])["entries"], figure.legends[0]._ncols  # type: ignore[attr-defined]
     handles, texts = [*entries.values()], [*entries]
     for columns in range(min(most, len(texts)), 0, -1):
         figure.legends[-1].remove()
@@ -382,11 +392,12 @@ def _touch(side: Axis) -> bool:
 
 def _thin(side: Axis) -> bool:
     """Leave fewer ticks; false where that is not possible."""
+    from matplotlib.category import StrCategoryLocator
     from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullFormatter
 
     locator, low, high = side.get_major_locator(), *sorted(side.get_view_interval())
     count = len([place for place in side.get_majorticklocs() if low <= place <= high])
-    if count < 3 or isinstance(locator, FixedLocator):
+    if count < 3 or isinstance(locator, (FixedLocator, StrCategoryLocator)):
         return False
     if isinstance(locator, MaxNLocator):
         side.set_major_locator(MaxNLocator(count - 2, steps=[1, 2, 2.5, 5, 10]))
@@ -424,7 +435,7 @@ def distributions(axes: Axes, samples: Mapping[str, Any]) -> None:
     axes.set_ylim(0.0, 1.02)
     if samples:
         axes.set_xlim(left=0.0)
-        axes.legend(loc="upper left")
+        axes.legend(loc="upper left", handlelength=1.4)
 
 
 def spans(axes: Axes, intervals: Iterable[Any], label: str = "", **look: Any) -> None:

@@ -14,7 +14,9 @@ from studies.answering.results import PATHS, configuration, settings, structure_
 from studies.answering.summary import quantities
 from studies.declaring import labels
 from studies.declaring.parameters import RIG, SCENE
+from studies.motion import regimes
 from studies.motion.run import REGIMES
+from studies.physics.quantities import MU_MAX
 from studies.plotting import figures, planes, signals
 from sweeps import DONE, FAILED
 
@@ -48,6 +50,8 @@ def draw(dataset: xr.Dataset, study: Study | None = None) -> figures.Figure:
             done = dataset.assign({KIND: dataset["regime"].fillna(other).astype(int)})
     else:
         done = dataset.where(dataset["status"] == DONE)
+        if "regime" in dataset and dataset["regime"].dims == dataset["status"].dims:
+            done = done.assign({KIND: (dataset["status"].dims, regimes.kinds(dataset))})
         names = [name for name in quantities(dataset) if np.isfinite(dataset[name]).any()][:MOST_DOWN]
         varying = [dim for dim in dims if dataset.sizes[dim] > 1] or dims[:1]
         x, *others = sorted(varying, key=lambda dim: -dataset.sizes[dim])
@@ -118,6 +122,20 @@ def _draw_curves(
             look |= {} if others else {"color": figures.BLUE}
             figures.curve(axes, values, curves.isel(at).values, error, **look)
         planes.draw_mixed(axes, done.isel(at), x, name)
+        if error is not None and np.any(error > 0.0):
+            axes.plot(
+                [], [], color=figures.GREY, marker="|", markersize=8.0, linestyle="", label="bars: standard error"
+            )
+        lacks = ~np.isfinite(curves.isel(at).values.astype(float)) & (done["status"].isel(at).values == DONE)
+        if lacks.any():
+            text = f"no flutter up to μ = {MU_MAX:g}" if name.startswith("onset_") else f"no {labels.title(name)}"
+            look = {
+                "color": figures.GREY,
+                "transform": axes.get_xaxis_transform(),
+                "clip_on": False,
+                "label": text,
+            }
+            axes.plot(values[lacks], np.zeros(lacks.sum()), "x", **look)
     if name == "regime":
         axes.set_yticks(range(len(REGIMES)), REGIMES)
     elif name in thresholds:
@@ -183,7 +201,8 @@ def _draw_scatter(done: xr.Dataset, names: Sequence[str], title: str) -> figures
         str(n) for n, c in done.coords.items() if c.dims == dims[:1] and n not in PATHS and c.dtype.kind in "if"
     ]
     left_out = planes.of_all(varied[: most_across()], len(varied), "parameters")
-    varied, how = varied[: most_across()], {"stack": False, "sharey": "row", "sharex": "col"}
+    varied = varied[: most_across()]
+    how: dict[str, Any] = {"stack": False, "sharey": "row", "sharex": "col"}
     figure, panels = figures.panels(len(names), max(len(varied), 1), 4.5, **how)
     for k, axes in enumerate(panels):
         name, over = names[k // max(len(varied), 1)], done[varied[k % len(varied)]] if varied else done[dims[0]]
@@ -219,13 +238,17 @@ def draw_series(dataset: xr.Dataset, names: Sequence[str]) -> figures.Figure:
         left.set_title(place, loc="left")
         later = values[int(BEGIN * len(values)) :]
         right.set_ylabel(f"PSD / dB re ({labels.unit_of(dataset[name])[0]})²/Hz")
-        if (
-            not np.isfinite(later).all()
-            or len(later) < 2 * SEGMENTS
-            or np.std(later) <= CONSTANT * np.abs(values).max()
-        ):
+        known = bool(np.isfinite(later).all()) and len(later) >= 2 * SEGMENTS
+        if not known or np.std(later) <= CONSTANT * np.abs(values).max():
             for axes in (zoom, right):
-                axes.text(0.5, 0.5, "constant", transform=axes.transAxes, ha="center", va="center")
+                axes.text(
+                    0.5,
+                    0.5,
+                    "constant" if known else "too short",
+                    transform=axes.transAxes,
+                    ha="center",
+                    va="center",
+                )
                 axes.set(xticks=[], yticks=[])
             continue
         frequency, power = scipy.signal.welch(later, rate, nperseg=2 * len(later) // SEGMENTS)

@@ -221,6 +221,6 @@ def subset(count: int, most: int) -> list[int]:
     return [int(k) for k in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
 
 
-def of_all(chosen: Sequence[int], count: int, what: str) -> str:
+def of_all(chosen: Sequence[Any], count: int, what: str = "") -> str:
     """The addition to a title where a subset is drawn."""
-    return f" ({len(chosen)} of {count} {what})" if len(chosen) < count else ""
+    return f" ({len(chosen)} of {count} {what}".rstrip() + ")" if len(chosen) < count else ""

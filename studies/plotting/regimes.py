@@ -107,10 +107,12 @@ def _draw_plane(point: xr.Dataset, x: str, y: str, title: str) -> figures.Figure
     for name, axes in panels.items():
         array, options = _quantity(point, name), dict[str, Any](vmin=0.0, vmax=1.0)
         if name != "stick_fraction" and array.notnull().any():
-            low, high = array.quantile([RARE, 1.0 - RARE]).values
+            # Frequencies that most points share would hide the differences within.
+            rare = 0.1 if name == "dominant_frequency" else RARE
+            low, high = array.quantile([rare, 1.0 - rare]).values
             options = {"vmin": low, "vmax": high, "norm": "log" if 0.0 < WIDE * low < high else "linear"}
         mesh = planes.numbers(axes, array, x, y, **options)
-        bar = figure.colorbar(mesh, ax=axes, location="bottom", pad=0.02, aspect=25)
+        bar = figure.colorbar(mesh, ax=axes, location="bottom", pad=0.02, aspect=25, extend="both")
         bar.outline.set_visible(False)
         figures.one_two_five(bar.ax.xaxis)
         _draw_onset(axes, point, x, y)

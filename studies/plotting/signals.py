@@ -61,6 +61,20 @@ def name_sides(panels: Sequence[Sequence[figures.Axes]]) -> None:
     figures.letter(flat, [axes.get_title("left") for axes in flat])
 
 
+def compare(panels: Sequence[Sequence[figures.Axes]], duration: float, depth: float) -> None:
+    """One scale for the velocities and one for the spectra of all rows, and their labels."""
+    for left, _, right in panels[1:]:
+        for axes, first in ((left, panels[0][0]), (right, panels[0][2])):
+            axes.sharex(first)
+            axes.sharey(first)
+    panels[0][0].set_xlim(0.0, duration)
+    finish_spectra(panels[0][2], depth)
+    for left, _, right in panels:
+        left.set_ylabel("velocity of B / (mm/s)")
+        right.set(xlabel="", ylabel=panels[0][2].get_ylabel())
+    name_sides(panels)
+
+
 def periods(axes: figures.Axes, time: Any, values: Any, hertz: float, **look: Any) -> None:
     """Ten periods of `hertz` of a series, where it moves most in its second half."""
     step = time[1] - time[0]

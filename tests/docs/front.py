@@ -25,7 +25,7 @@ THETA, V = 5.0, 2e-3
 
 def front(stability: xr.Dataset, knocks: xr.Dataset) -> Figure:
     """The figure from results of `stability` over (theta, mu) and of a map of `knock_threshold` along mu."""
-    figure, panels = figures.panels(1, 3, 26.0, 8.0, width_ratios=(1.25, 1.15, 1.0))
+    figure, panels = figures.panels(1, 3, 6.0, width_ratios=(1.25, 1.15, 1.0))
     draw_rig(panels[0])
     plane = panels[1]
     growth = stability["growth_rate"].where(stability["growth_rate"] > 0.0)
@@ -45,8 +45,8 @@ def front(stability: xr.Dataset, knocks: xr.Dataset) -> Figure:
     for x, text in ((0.5 * (mu[0] + low), "sliding"), (onset + 0.002, "squeal")):
         axes.text(x, np.sqrt(bottom * top), text, rotation=90.0, ha="center", va="center")
     axes.text(0.5 * (low + onset), 0.7 * top, "a stronger knock\nstarts squeal", ha="center", va="top")
-    figures.letter(panels, ("the rig", "squeal map: unstable sliding", f"θ = {THETA:g}°, V = {1e3 * V:g} mm/s"))
-    return figure
+    figures.letter(panels, ("the rig", "unstable sliding", f"θ = {THETA:g}°, V = {1e3 * V:g} mm/s"))
+    return figures.finish(figure)
 
 
 def draw_rig(axes: Any) -> None:

@@ -179,7 +179,7 @@ def check_layout(figure):
 )
 def test_a_title_names_the_one_number_that_is_not_the_papers(rig, told):
     data = sweep_of(registry.load("fig5"), {"mu": [0.1, 0.2]} | rig).plan().run("sync")
-    assert drawn(registry.load("fig5"), data)[""]._suptitle.get_text().endswith(f"5°{told}")
+    assert drawn(registry.load("fig5"), data)[""]._suptitle.get_text().endswith(f"sliding{told}")
 
 
 def test_modes_fill_their_panel():
