@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore import SceneError
-from studies.answering.results import is_usual, own_numbers, rig_of, settled, structure_in
+from studies.answering.results import is_usual, settled, structure_in
 from studies.declaring.parameters import FRICTION, RIG, SCENE
 from studies.motion import scenes
 from studies.motion.above import with_growth_above
@@ -147,6 +147,5 @@ def finish(derive: Any, dims: Any, about: Mapping[str, Any], moves: bool, datase
     A study in which scenes move gets what grows above the band, too.
     """
     dataset = settled(dataset, about)
-    if moves and not any(dataset[name].ndim for name in own_numbers(dataset)):
-        dataset = with_growth_above(dataset, rig_of(dataset) if structure_in(dataset) else None)
+    dataset = with_growth_above(dataset, structure_in(dataset) or None) if moves else dataset
     return derive(dataset) if derive is not None and is_usual(dataset, dims) else dataset

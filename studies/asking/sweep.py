@@ -89,7 +89,7 @@ def _declared(study: Study, points: Points, outputs: Mapping[str, Variable], coo
         fixed,
         coords={name: axis for name, axis in coords.items() if name not in axes},
         title=study.title,
-        derive=partial(call.finish, study.derive, study.dims, about, study.moves),
+        derive=partial(call.finish, study.derive, study.dims, about, study.moves and not own),
         # The modes of P1, of a rig and of an inclination are computed once for neighbours.
         order_by=tuple(n for n in axes if n not in ("V", "mu", "F", *FRICTION)) if product else (),
         request={"fixed": about},
