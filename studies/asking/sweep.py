@@ -89,7 +89,7 @@ def _declared(study: Study, points: Points, outputs: Mapping[str, Variable], coo
         fixed,
         coords={name: axis for name, axis in coords.items() if name not in axes},
         title=study.title,
-        derive=partial(call.finish, study.derive, study.dims, about, study.moves and not own),
+        derive=partial(call.finish, study.derive, study.dims, about, study.moves and not _own(study, points)),
         # The modes of P1, of a rig and of an inclination are computed once for neighbours.
         order_by=tuple(n for n in axes if n not in ("V", "mu", "F", *FRICTION)) if product else (),
         request={"fixed": about},
@@ -131,8 +131,13 @@ def _function(
     shapes = {name: tuple(len(coords[dim]) for dim in each.dims) for name, each in outputs.items()}
     names = tuple(name for name in parameters if name not in study.own)
     called = call.Call(function, common, study.normalised, names, shapes, times, points.followed)
-    own = tuple(name for name in study.own if name in points.fixed or name in points.grid.axes)
-    return partial(compute, partial(call.compute, called), own) if own else partial(call.compute, called)
+    inner, own = partial(call.compute, called), _own(study, points)
+    return partial(compute, inner, own) if own else inner
+
+
+def _own(study: Study, points: Points) -> tuple[str, ...]:
+    """The requested numbers of a structure."""
+    return tuple(name for name in study.own if name in points.fixed or name in points.grid.axes)
 
 
 def _copies(study: Study, points: Points) -> dict[str, Any]:
