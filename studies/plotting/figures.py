@@ -373,7 +373,8 @@ def _fit(figure: Figure, axes: Axes) -> None:
     sides = (axes.title, box.width), (axes._left_title, box.width), (axes.xaxis.label, box.width)  # type: ignore[attr-defined]
     for text, room in (*sides, (axes.yaxis.label, box.height)):
         if text.get_text() and text.get_visible():
-            text.set_text(wrapped(figure, text.get_text(), max(room, 40.0), text.get_fontsize()))
+            whole = vars(text).setdefault("whole", text.get_text())
+            text.set_text(wrapped(figure, whole, max(room, 40.0), text.get_fontsize()))
     for side in (axes.xaxis, axes.yaxis):
         while _touch(side) and _thin(side):
             pass
