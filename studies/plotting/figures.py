@@ -63,8 +63,11 @@ UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": 
 # Of a large variable so many bytes are read at a time.
 READ_BYTES = 1 << 24
 # What is taken of a user's matplotlibrc: how things look.
-LOOKS = ("axes boxplot contour date errorbar figure font grid hatch hist image legend lines markers mathtext patch"
-         " path pcolor pdf ps savefig scatter svg text xaxis xtick yaxis ytick").split()  # fmt: skip
+LOOKS = (
+    *("axes", "boxplot", "contour", "date", "errorbar", "figure", "font", "grid", "hatch", "hist", "image"),
+    *("legend", "lines", "markers", "mathtext", "patch", "path", "pcolor", "pdf", "ps", "savefig", "scatter"),
+    *("svg", "text", "xaxis", "xtick", "yaxis", "ytick"),
+)
 # Lines of a figure's title; what is longer goes below. Gap between parts of a figure, cm.
 LINES, GAP = 2, 0.15
 
