@@ -44,7 +44,7 @@ DRAWS = {
     },
     "stability": lambda d: {"theta": np.linspace(d(-10.0, 0.0), 20.0, 7), "mu": np.linspace(0.0, d(0.3, 1.0), 6)},
     "sensitivity": lambda d: {"theta": np.linspace(1.0, d(5.0, 15.0), 4), "p1_thickness": d(2e-3, 4e-3)},
-    "table4": lambda d: {"theta": d(0.0, 10.0), "head_mass": d(1.0, 4.0)},
+    "table4": lambda d: {"theta": d(0.0, 10.0), "contact_position": d(0.07, 0.1)},
     "scenes": lambda d: (
         {"V": [d(1e-3, 9e-3)], "theta": np.sort([d(-5.0, 20.0) for _ in range(int(d(1, 5)))])} | SHORT
     ),
