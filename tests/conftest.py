@@ -69,4 +69,4 @@ def forgetful(tmp_path, monkeypatch):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Runs draw no figure: what a test is not about."""
-    monkeypatch.setattr("studies.runner.plot", lambda study, dataset, file, *_: [file.with_suffix(".png")])
+    monkeypatch.setattr("studies.runner.plot", lambda study, dataset, file, *_, **__: [file.with_suffix(".png")])

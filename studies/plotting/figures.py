@@ -63,8 +63,11 @@ UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": 
 # Of a large variable so many bytes are read at a time.
 READ_BYTES = 1 << 24
 # What is taken of a user's matplotlibrc: how things look.
-LOOKS = ("axes boxplot contour date errorbar figure font grid hatch hist image legend lines markers mathtext patch"
-         " path pcolor pdf ps savefig scatter svg text xaxis xtick yaxis ytick").split()  # fmt: skip
+LOOKS = (
+    *("axes", "boxplot", "contour", "date", "errorbar", "figure", "font", "grid", "hatch", "hist", "image"),
+    *("legend", "lines", "markers", "mathtext", "patch", "path", "pcolor", "pdf", "ps", "savefig", "scatter"),
+    *("svg", "text", "xaxis", "xtick", "yaxis", "ytick"),
+)
 # Lines of a figure's title; what is longer goes below. Gap between parts of a figure, cm.
 LINES, GAP = 2, 0.15
 
@@ -373,7 +376,8 @@ def _fit(figure: Figure, axes: Axes) -> None:
     sides = (axes.title, box.width), (axes._left_title, box.width), (axes.xaxis.label, box.width)  # type: ignore[attr-defined]
     for text, room in (*sides, (axes.yaxis.label, box.height)):
         if text.get_text() and text.get_visible():
-            text.set_text(wrapped(figure, text.get_text(), max(room, 40.0), text.get_fontsize()))
+            whole = vars(text).setdefault("whole", text.get_text())
+            text.set_text(wrapped(figure, whole, max(room, 40.0), text.get_fontsize()))
     for side in (axes.xaxis, axes.yaxis):
         while _touch(side) and _thin(side):
             pass
