@@ -257,3 +257,20 @@ def test_an_installed_study_is_known_by_its_name(here, own, tmp_path, monkeypatc
     monkeypatch.setattr(registry, "installed", registry.installed.__wrapped__)
     assert here("list").stdout.count("Squares") == 1  # a predefined study keeps its name
     assert here("run", "squares", "-q").returncode == 0
+
+
+def test_what_moves_is_written_and_other_studies_say_which_can(here, monkeypatch, tmp_path):
+    monkeypatch.setattr("studies.plotting.moving.FILMED", 2)
+    for name in ("fig6", "fig5"):
+        file = tmp_path / "results" / name / f"{name}.nc"
+        file.parent.mkdir(parents=True)
+        shutil.copy(HOME / "results" / "reference" / name / file.name, file)
+    done = here("plot", "fig6", "--animate", "--vtu")
+    assert (done.returncode, done.stdout) == (0, "results/fig6/fig6.gif\nresults/fig6/fig6.pvd\n")
+    series = (tmp_path / "results" / "fig6" / "fig6.pvd").read_text()
+    named = re.findall(r'file="([^"]+)"', series)
+    assert len(named) == len({*named}) == 48
+    assert all((tmp_path / "results" / "fig6" / name).is_file() for name in named)
+    done = here("plot", "fig5", "--animate")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "fig5: the study has no animation; fig6, contact have one" in done.stderr

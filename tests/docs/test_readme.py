@@ -75,7 +75,7 @@ kill "$@" 2> /dev/null || true
 @pytest.fixture
 def clone(tmp_path, here):
     """A folder with the reference of what is read, and the files that examples say one has."""
-    for name in ("fig5", "regimes", "robust", "scenes", "stability", "table6"):
+    for name in ("fig5", "fig6", "regimes", "robust", "scenes", "stability", "table6"):
         shutil.copytree(HOME / "results" / "reference" / name, tmp_path / "results" / "reference" / name)
     (tmp_path / "results" / "reference" / "rig.svg").touch()
     for text in readmes.blocks("toml", "studies/README.md"):
@@ -86,6 +86,8 @@ def clone(tmp_path, here):
     io.mmwrite(tmp_path / "M.mtx", sparse.eye_array(24).tocoo() * 0.01)
     rows = [(node, way) for node in (*range(834, 845), 12) for way in ("UX", "UY")]
     (tmp_path / "rows.txt").write_text("\n".join(f"{845 if node == 844 else node} {way}" for node, way in rows))
+    places = [f"{node} {0.01 * k} 0 0" for k, node in enumerate((*range(834, 844), 845, 12))]
+    (tmp_path / "nodes.txt").write_text("\n".join(places))
     return tmp_path
 
 
