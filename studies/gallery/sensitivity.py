@@ -84,8 +84,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     matter = ", ".join([f"{name} ({low:.3g} to {high:.3g} %)" for name, low, high in ranges][:MATTER])
     slight = ", ".join(name for name, high in zip(names, most, strict=True) if high < SLIGHT) or "no parameter"
     yield (
-        f"The onsets' mu {where} changes most with {matter}, for a change of 1 %; it changes by less than {SLIGHT:g} %"
-        f" with {slight}."
+        f"The onsets' mu {where} changes most with {matter}, for a change of 1 %; it changes by less than"
+        f" {SLIGHT:g} % with {slight}."
     )
     for pair in at["pair"].values:
         one = at.sel(pair=pair)

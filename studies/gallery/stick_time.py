@@ -50,8 +50,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     end = labels.number(1e3 * float(at["intermittence_end"]))
     where = f"mu = {float(at['mu']):g}, F = {float(at['F']):g} N"
     yield (
-        f"The duration of start-up sticks is proportional to V^n with n = {laws[0]} at {where}; sustained sticks occur"
-        f" up to {end} mm/s."
+        f"The duration of start-up sticks is proportional to V^n with n = {laws[0]} at {where}; sustained sticks"
+        f" occur up to {end} mm/s."
     )
     upto, span = f"sustained, up to {end} mm/s", " to ".join(f"{1e3 * V:g}" for V in stick_fit.SPAN)
     third = f"sustained, up to {stick_fit.SLOW:.2f} of that"

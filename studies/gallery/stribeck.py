@@ -74,8 +74,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     counts = [int(each.sum()) for each in (unstable, without, falling, vibrates, vibrates & ~without)]
     every, constant, most, moving, only = (labels.counted(count, kinds.size) for count in counts)
     yield (
-        f"Steady sliding is unstable at {every}; it would be at {constant} if friction kept its value at V. Falling"
-        f" friction makes more than half of the growth rate at {most}. The rig vibrates at {moving}; at {only} it"
+        f"Steady sliding is unstable at {every}; it would be at {constant} if friction kept its value at V."
+        f" Falling friction makes more than half of the growth rate at {most}. The rig vibrates at {moving}; at {only} it"
         f" does so only because friction falls."
     )
     rows = []

@@ -99,10 +99,9 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         f"more than {stability.PAIRS} modes are unstable, of which the least stable are stored": unstable
         > stability.PAIRS,
         "the realisations differ in regime": dataset["regime_share"].values < 1.0,
-        f"the runs stopped at the limit of {most:g} s, before the standard error was as small as requested": dataset[
-            "duration"
-        ].values
-        >= most,
+        f"the runs stopped at the limit of {most:g} s, before the standard error was small enough": (
+            dataset["duration"].values >= most
+        ),
     }
     yield from (f"At {regimes.ranges(theta, where)} {case}." for case, where in cases.items() if where.any())
 

@@ -66,8 +66,8 @@ def falling(data: xr.Dataset) -> str:
     speeds = data["V"].where(stribeck.mostly_falling(data)).max("V")
     low, high = (1e3 * float(speeds.sel(kinetic_ratio=ratio)) for ratio in (0.9, 0.5))
     return (
-        f"falling friction, not mode coupling, drives the squeal below {low:.3g} mm/s if friction drops by a tenth,"
-        f" and below {high:.3g} mm/s if it drops by half"
+        f"falling friction, not mode coupling, drives the squeal below {low:.3g} mm/s if friction drops by a"
+        f" tenth, and below {high:.3g} mm/s if it drops by half"
     )
 
 
