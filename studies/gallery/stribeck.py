@@ -75,8 +75,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     every, constant, most, moving, only = (labels.counted(count, kinds.size) for count in counts)
     yield (
         f"Steady sliding is unstable at {every}; it would be at {constant} if friction kept its value at V."
-        f" Falling friction makes more than half of the growth rate at {most}. The rig vibrates at {moving}; at {only} it"
-        f" does so only because friction falls."
+        f" Falling friction makes more than half of the growth rate at {most}. The rig vibrates at {moving}; at"
+        f" {only} it does so only because friction falls."
     )
     rows = []
     for ratio in dataset["kinetic_ratio"].values:
