@@ -146,7 +146,7 @@ def differences(stored: Mapping[str, Any], present: Mapping[str, Any], *, code: 
     lines, shown = list[str](), set[str]()
     for name, *values in _changed(before, now):
         part, _, inner = name.partition(".")
-        if part == "values" and inner in shown:  # with its numbers
+        if (part == "values" and inner in shown) or (part == "coords" and shown):  # with its numbers
             continue
         shown |= {inner.partition(".")[0]} if part == "constants" else set()
         there, here = ("nothing" if value is ABSENT else json.dumps(value) for value in values)

@@ -44,6 +44,30 @@ WRONG = [
     ("run scenes --set V=0", "V = 0: the drive must move; usual are 1e-07 to 0.5 m/s"),
     ("run scenes --set mu_static=0.3", "friction falls with the speed by kinetic_ratio"),
     ("run scenes --set intial=slip", "scenes has no such parameter; it has V, theta, mu"),
+    (
+        "plan fig5 --set mu=0,5",
+        "a point is the decimal sign; write mu=0.5; or, for 2 values, 'mu=0, 5' with a space",
+    ),
+    ("plan fig5 --set mu=1,05", "write mu=1.05; or, for 2 values, 'mu=1, 5'"),
+    (
+        "plan fig5 --set theta=5,5",
+        "theta = '5,5': a comma separates values, a point is the decimal sign; write theta=5.5",
+    ),
+    ("plan fig5 --set p1_length=60,5mm", "write p1_length=60.5mm; or, for 2 values, 'p1_length=5, 60mm'"),
+    ("plan fig5 --set head_mass=2,9434", "write head_mass=2.9434"),
+    ("plan fig5 --set mu=0,1,0,2", "write mu=0.1,0.2"),
+    ("plan fig5 --set mu=0,5;0,6", "commas separate values, and a point is the decimal sign"),
+    ("plan fig5 --set mu=0:0,5:11", "'0,5' must be a finite number; a point is the decimal sign: 0.5"),
+    ("plan fig5 --set mu=normal:0,2:0,02", "a point is the decimal sign; write normal:0.2:0.02"),
+    ("plan scenes --record velocity_B --sample-rate 20,5kHz", "a point is the decimal sign: 20.5kHz"),
+    ("plan fig5 --set theta=8,p1_length=60mm", "give each parameter its own option: --set p1_length=60mm"),
+    ("plan scenes --set F=1kg", "kg is a mass; F is a force: 9N or 9"),
+    ("plan fig5 --set V=2mm/s", "study fig5 does not depend on the speed of the drive; leave it out"),
+    ("map --x theta=1:5:3 --quantity regime --quantity onset_mu", "regime and onset_mu need different"),
+    (
+        "map --x mu=0:1:3 --quantity growth_rate --scatter mode1=normal:1:2",
+        "--scatter mode1: growth_rate does not",
+    ),
     ("run raising", "no study has this name; did you mean raising.py? give the file"),
     (
         "plan scenes --record velocity",
@@ -78,6 +102,15 @@ def test_wrong_input_is_one_line_with_exit_2_and_leaves_nothing(here, folder, tm
     assert said.startswith("fiv: ")
     assert message in said
     assert folder() == sorted(name for name in TABLES if not name.endswith(".py"))
+
+
+@pytest.mark.parametrize(
+    "values", ["theta=0,5", "V=1,2mm/s", "F=5,10", "mu=0,0.5", "mu=1e-3,2e-3", "p1_elements=9,12"]
+)
+def test_lists_that_are_no_decimal_commas_are_two_values(here, values):
+    done = here("plan", "scenes", "--set", values)
+    assert done.returncode == 0
+    assert re.search(rf"(?m)^  {values.split('=')[0]} .* and .*, 2 values$", done.stdout)
 
 
 @pytest.mark.parametrize(

@@ -234,6 +234,6 @@ def test_more_points_than_fit_into_memory_are_refused(tmp_path, monkeypatch):
 def test_a_plan_is_its_first_pass_and_a_run_in_memory_goes_through_all(tmp_path):
     plan = timed(hills().plan())
     assert (plan.points, plan.requested_count, plan.todo) == (289, 25, 25)
-    assert "refined         to 25 points (8.65 %) so far" in repr(plan)
+    assert "refined         25 points (8.65 %) so far" in repr(plan)
     assert plan.most_seconds == pytest.approx(plan.seconds / 25 * 289)
     xr.testing.assert_equal(plan.run("sync")[SHOWN], refine(hills(), tmp_path / "hills.nc", "sync")[SHOWN])
