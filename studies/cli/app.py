@@ -48,7 +48,7 @@ def fiv(context: click.Context) -> None:
     fiv list                                        your results, and the studies
     fiv run fig5                                    compute, store and draw one
     fiv run fig5 --set theta=8 --out elsewhere      at another inclination
-    fiv rig mine --set p1_length=60mm               a rig with a name, for --rig mine
+    fiv rig mine --set p1_length=60mm               name a rig, for --rig mine
     fiv status                                      your results
     fiv query regimes --where 'mu > 0.2' --limit 5  rows of a result
     fiv map --x theta=-10:20:61 --y mu=0:0.5:51 --quantity growth_rate

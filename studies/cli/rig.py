@@ -148,11 +148,11 @@ def _sliding(name: str, out: str | None) -> xr.Dataset:
             raise
         say(f"fiv: fig5 of {name} is compared as it is stored, with other settings than a run by default has")
         return results.open_dataset(str(file))
-    if planned.todo:
-        say(f"computing fig5 of {name}")
-        with watched(planned) as last:
-            runner.execute(study, planned, *runner.backend(None, None), last)
-    return results.open_dataset(str(file))
+    if not planned.todo:
+        return planned.run("sync")
+    say(f"computing fig5 of {name}")
+    with watched(planned) as last:
+        return runner.execute(study, planned, *runner.backend(None, None), last).dataset
 
 
 def _stored(study: str, own: NamedRig) -> Any:

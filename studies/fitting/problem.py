@@ -13,7 +13,7 @@ import numpy as np
 
 from fivcore import Structure, checks
 from studies.asking import request
-from studies.asking.rigs import NamedRig
+from studies.asking.rigs import NamedRig, is_name
 from studies.asking.sweep import sweep_of
 from studies.declaring import spec
 from studies.declaring.own import parameters, varied
@@ -116,6 +116,9 @@ def _problem(
     uncertainty.check(found["samples"], found["seed"])
     if named is not None and "rig" in found:
         raise InputError(f"rig = {found['rig']!r}: there is another rig already; leave one out")
+    if is_name(found.get("rig")):
+        text = "in a file it is a path; leave it out, and give the name as rig=..."
+        raise InputError(f"rig = {found['rig']!r}: {text}")
     rig = request.read(folder / str(found["rig"]), "rig") if "rig" in found else named or request.Request()
     unknown = {p for name in found["unknown"] for p in (name, f"p1_{name}", f"p2_{name}")}
     fixed = {name: value for name, value in rig.values.items() if named is None or name not in unknown}

@@ -28,16 +28,18 @@ def draw(pair: Mapping[str, xr.Dataset], note: str) -> figures.Figure:
         mu, frequency, growth = (data[each].values for each in ("mu", "frequency", "growth_rate"))
         grows = growth > 0.0
         top.plot(mu, 1e-3 * frequency, **line, linewidth=THIN, label=_once(name, frequency))
-        unstable = np.where(grows, 1e-3 * frequency, np.nan)
-        top.plot(mu, unstable, **line, linewidth=THICK, label=_once(f"{name}, unstable", frequency))
+        unstable, label = np.where(grows, 1e-3 * frequency, np.nan), f"{name}, unstable" if grows.any() else "_"
+        top.plot(mu, unstable, **line, linewidth=THICK, label=_once(label, frequency))
         bottom.plot(mu, np.where(grows, growth, np.nan), **line, linewidth=1.4)
         point: Any = {"linestyle": "none", "markersize": 5.0, "zorder": 3, "marker": look["marker"]}
         point |= {"color": look["color"], "markeredgecolor": figures.BLACK, "markeredgewidth": 0.6}
-        top.plot(data["onset_mu"], 1e-3 * data["onset_frequency"], **point, label=f"{name}, onset")
-        bottom.plot(data["onset_mu"], 0.0 * data["onset_mu"], **point, clip_on=False)
+        if data.sizes["onset"]:
+            top.plot(data["onset_mu"], 1e-3 * data["onset_frequency"], **point, label=f"{name}, onset")
+            bottom.plot(data["onset_mu"], 0.0 * data["onset_mu"], **point, clip_on=False)
         if np.isfinite(jams := float(data["divergence_mu"])):
-            for axes in (top, bottom):
-                axes.axvline(jams, color=look["color"], linestyle=":", label=f"{name} jams" * (axes is top))
+            dotted: Any = {"color": look["color"], "linestyle": ":"}
+            top.axvline(jams, **dotted, label=f"{name} jams")
+            bottom.axvline(jams, **dotted)
     ends = [data["mu"].values[[0, -1]] for data in pair.values()]
     top.set(ylim=(0.0, None), xlim=(min(end[0] for end in ends), max(end[1] for end in ends)))
     top.set(ylabel="frequency / kHz")
