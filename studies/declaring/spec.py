@@ -38,7 +38,11 @@ def parse(spec: str, name: str, units: str = "") -> NDArray[Any]:
         return np.array([finite(part) for part in plain.split(",")])
     except InputError as problem:
         forms = "" if isinstance(problem, UnitError) else f"; the forms are {FORMS}"
-        raise InputError(f"{name} = {spec!r}: {problem}{forms}") from None
+        decimal = re.search(r"\d+,\d+", spec) if ":" in spec else None
+        hint = f"; a point is the decimal sign: {decimal[0].replace(',', '.')}" if decimal else ""
+        # The order of the dimensions of a newton depends on what was converted before.
+        text = str(problem).replace("[mass] * [length] / [time] ** 2: N", "a force: 9N or 9")
+        raise InputError(f"{name} = {spec!r}: {text}{hint}{forms}") from None
 
 
 def check_commas(spec: str, name: str, units: str, usual: float, largest: float = np.inf) -> None:
@@ -201,9 +205,7 @@ def joined(values: Iterable[float | str]) -> str:
 def finite(text: str) -> float:
     """A finite number as one types it, or an `InputError`."""
     if not (re.fullmatch(NUMBER, text, re.ASCII) and np.isfinite(float(text))):
-        decimal = text.strip().replace(",", ".")
-        hint = f"; a point is the decimal sign: {decimal}" if re.fullmatch(NUMBER, decimal, re.ASCII) else ""
-        raise InputError(f"{text!r} must be a finite number{hint}")
+        raise InputError(f"{text!r} must be a finite number")
     return float(text)
 
 

@@ -13,19 +13,19 @@ from sweeps import InputError
 NAME = r"[A-Za-zµμΩ°%]+(?:\s*(?:\^|\*\*)?\s*-?\d)?"
 PRODUCT = re.compile(rf"{NAME}(?:\s*[*/]\s*{NAME}|\s+{NAME}|\.{NAME})*")
 POWER = re.compile(r"(?<=[A-Za-zµμΩ°%])\s*(?:\^|\*\*)?\s*(-?\d)")
-# What is measured in a unit, and an example.
+# What is measured, by its dimensions, and an example.
 KINDS = {
-    "1": ("a plain number", "0.2"),
-    "kg": ("a mass", "500g or 0.5"),
-    "m": ("a length", "5mm or 5e-3"),
-    "s": ("a time", "5ms or 5e-3"),
-    "Hz": ("a rate", "5kHz or 5e3"),
-    "m/s": ("a speed", "5mm/s or 5e-3"),
-    "N": ("a force", "9N or 9"),
-    "Pa": ("a pressure", "210GPa or 210e9"),
-    "kg/m3": ("a density", "7.8g/cm3 or 7800"),
+    "dimensionless": ("a plain number", "0.2"),
+    "degree": ("an angle", "5deg or 5"),
+    "[mass]": ("a mass", "500g or 0.5"),
+    "[length]": ("a length", "5mm or 5e-3"),
+    "[time]": ("a time", "5ms or 5e-3"),
+    "1 / [time]": ("a rate", "5kHz or 5e3"),
+    "[length] / [time]": ("a speed", "5mm/s or 5e-3"),
+    "[length] * [mass] / [time] ** 2": ("a force", "9N or 9"),
+    "[mass] / [length] / [time] ** 2": ("a pressure", "210GPa or 210e9"),
+    "[mass] / [length] ** 3": ("a density", "7.8g/cm3 or 7800"),
 }
-ANGLE = ("an angle", "5deg or 5")
 
 
 class UnitError(InputError):
@@ -38,19 +38,13 @@ def convert(value: float, unit: str, own: str, name: str = "the value") -> float
         return value
     given, needed = _unit(unit), _unit(own)
     if given.dimensionality != needed.dimensionality:
-        wanted, example = ANGLE if own == "degree" else _kind(needed) or (f"in {own}", f"a number in {own}")
-        is_of = _kind(given) or ("another quantity",)
-        raise UnitError(f"{unit} is {is_of[0]}; {name} is {wanted}: {example}")
+        one, other = (str(each.dimensionality) for each in (given, needed))
+        wanted, example = KINDS.get("degree" if own == "degree" else other, (other, own))
+        raise UnitError(f"{unit} is {KINDS.get(one, (one,))[0]}; {name} is {wanted}: {example}")
     # Degrees Celsius are no multiple of kelvins, nor decibels of anything.
     if any(type(each)(0.0, each.units).to_base_units().magnitude for each in (given, needed)):
         raise UnitError(f"{unit} and {own} have different zeros; write values in {own}")
     return float(f"{value * float(f'{given.to(needed).magnitude:.15g}'):.15g}")
-
-
-def _kind(quantity: Any) -> tuple[str, str] | None:
-    """What a quantity measures, and an example."""
-    same = (kind for unit, kind in KINDS.items() if _unit(unit).dimensionality == quantity.dimensionality)
-    return next(same, None)
 
 
 @cache
