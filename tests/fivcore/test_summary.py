@@ -96,6 +96,9 @@ def test_long_sticks_are_those_of_the_least_duration_and_the_last_may_be_censore
     assert figures["stick_starts"] == pytest.approx([0.10105], abs=1e-4)
     assert figures["censored_sticks"] == 1
     assert figures_of(states, min_stick=0.005)["stick_times"] == pytest.approx([0.03, 0.01])
+    last = len(states) * STEP - (len(states) - 250 + 0.5) * STEP
+    for least, count in ((last, 1), (np.nextafter(last, 1.0), 0)):
+        assert figures_of(states, min_stick=least)["censored_sticks"] == count
 
 
 def test_what_comes_before_settling_counts_for_nothing():
