@@ -1,7 +1,8 @@
 """Small faults put into the sources one at a time: which of them do the quick tests notice?
 
-`python -m tests.mutants [--room ROOM]` repeats the faults of `mutants.json` and writes what became of each: the
-first test that fails, or "equivalent" and why, written by hand; "" has survived. Faults go into a copy of the tree.
+`python -m tests.mutants` tries the faults of `mutants.json` in a copy of the tree and writes what became of
+each: the first test that fails, "timeout", "equivalent" and why, written by hand, or "" if it survived or was never
+tried. Each room has the number of its faults, its sources, and the tests that belong to them, quick ones first.
 """
 
 import argparse
@@ -23,36 +24,6 @@ from hashlib import sha256
 from pathlib import Path
 
 ROOT, RECORD, LIMIT, MEMORY = Path(__file__).parent.parent, Path(__file__).with_suffix(".json"), 400.0, 8 << 30
-# How many, where, and the tests that belong to it, quick ones first.
-ROOMS = {
-    "query": (33, "studies/query/*.py", "query properties/test_typed.py"),
-    "spec": (
-        33, "studies/declaring/spec.py studies/declaring/parameters.py studies/declaring/units.py",
-        "studies/test_request.py studies/test_parameters.py properties/test_typed.py studies/test_study.py",
-    ),
-    "regimes": (
-        33, "fivcore/transient/summary.py studies/motion/regimes.py",
-        "fivcore/test_summary.py gallery/test_regimes.py::test_below_at_and_above_each_limit_a_point_of_a_result_is_in_its_regime"
-        " gallery/test_damping.py fivcore/test_fast_cycles.py fivcore/test_motion_modes.py gallery/test_regimes.py fivcore/test_runs.py",
-    ),
-    "contact": (
-        35, "fivcore/contact/*.py fivcore/friction.py fivcore/transient/fast/kernel.py"
-        " fivcore/transient/fast/several_kernel.py",
-        "fivcore/test_reduced.py verification/test_closed_forms.py fivcore/test_falling_friction.py"
-        " fivcore/test_several_contacts.py verification/test_several_contacts.py verification/test_gap.py"
-        " verification/test_rigid_contact.py verification/test_events.py",
-    ),
-    "stability": (
-        33, "fivcore/stability/*.py",
-        "fivcore/test_stability.py verification/test_stability.py verification/test_onsets.py"
-        " verification/test_exponents.py verification/test_several_contacts.py verification/test_sensitivity.py"
-        " verification/test_assembled.py",
-    ),
-    "storage": (
-        33, "sweeps/storage/*.py",
-        "sweeps/storage sweeps/test_outputs.py sweeps/test_copies.py sweeps/plan",
-    ),
-}  # fmt: skip
 SWAPS = ["Lt LtE", "Gt GtE", "Eq NotEq", "In NotIn", "Is IsNot", "And Or", "Add Sub", "Mult Div", "BitAnd BitOr"]
 SWAPS += ["min max", "minimum maximum", "any all", "floor ceil", "argmin argmax", "sin cos"]
 OTHER = {a: b for pair in SWAPS for a, b in (pair.split(), pair.split()[::-1])}
@@ -90,34 +61,29 @@ def variants(node):
             yield changed(id=OTHER[name])
         case ast.Attribute(attr=name) if name in OTHER:
             yield changed(attr=OTHER[name])
-        case (
-            ast.Assign(targets=[ast.Attribute() | ast.Subscript()]) | ast.AugAssign() | ast.Expr(value=ast.Call())
-        ):
+        case ast.Assign(targets=[ast.Attribute() | ast.Subscript()]) | ast.Expr(value=ast.Call()):
             yield ast.Pass()
-        case ast.Raise() | ast.Continue() | ast.Break():
+        case ast.AugAssign() | ast.Raise() | ast.Continue() | ast.Break():
             yield ast.Pass()
 
 
 def faults(path):
-    """Every fault of a file by name (path, function, what becomes what, how many such before): the text with it."""
+    """Faults of a file by name: path, function, what becomes what, how many such before; and the text of each."""
     text, found = (ROOT / path).read_bytes(), {}
     starts = [0, *(end.end() for end in re.finditer(b"\n", text))]
 
     def visit(node, owner):
         for twin in variants(node):
-            start, end = (
-                starts[node.lineno - 1] + node.col_offset,
-                starts[node.end_lineno - 1] + node.end_col_offset,
-            )
+            start = starts[node.lineno - 1] + node.col_offset
+            end = starts[node.end_lineno - 1] + node.end_col_offset
             old, new = " ".join(text[start:end].decode().split()), ast.unparse(ast.fix_missing_locations(twin))
             name = path, owner, *(each if len(each) < 80 else f"{each[:77]}..." for each in (old, new))
             put = new if isinstance(node, ast.stmt) else f"({new})"
             found[*name, sum(other[:4] == name for other in found)] = text[:start] + put.encode() + text[end:]
         # Texts of messages, and types, are nothing that runs.
         if not isinstance(node, (ast.Raise, ast.JoinedStr, ast.arg)):
-            own = (
-                f"{owner}.{node.name}".lstrip(".") if isinstance(node, (ast.FunctionDef, ast.ClassDef)) else owner
-            )
+            named = isinstance(node, (ast.FunctionDef, ast.ClassDef))
+            own = f"{owner}.{node.name}".lstrip(".") if named else owner
             for field, value in ast.iter_fields(node):
                 for child in value if isinstance(value, list) else [value]:
                     if isinstance(child, ast.AST) and field not in ("decorator_list", "annotation", "returns"):
@@ -127,22 +93,14 @@ def faults(path):
     return found
 
 
-def kernels(copied, path):
-    """Give a fault in `path` the compiled kernels, but those that are compiled from there; return their folder."""
-    files = sorted((copied / "fivcore").rglob("*.py"))
-    digest = sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]  # as in `fivcore.kernel_store`
-    new = copied.with_suffix(".kernels") / f"fiv/kernels-{digest}"
-    shutil.copytree(copied.with_suffix(".kernels") / "good", new)
-    sources = {file.stem: text for file in files if COMPILES.search(text := file.read_text())}
-    stale, more = set(), {Path(path).stem}.intersection(sources)
-    while more - stale:
-        stale |= more
-        names = "|".join(stale)
-        importing = re.compile(rf"^from \S+\.({names}) import|^from .* import .*\b({names})\b", re.MULTILINE)
-        more = {stem for stem, text in sources.items() if importing.search(text)}
-    for file in [*new.rglob("*.nbi")]:
-        if file.name.partition(".")[0] in stale:
-            shutil.rmtree(file.parent, ignore_errors=True)
+def kernels(copied, path=""):
+    """Give a fault the compiled kernels of the sources, unless it is where kernels are; return their folder."""
+    content = b"".join(file.read_bytes() for file in sorted((copied / "fivcore").rglob("*.py")))
+    home = copied.with_suffix(".kernels")
+    new = home / f"fiv/kernels-{sha256(content).hexdigest()[:16]}"  # as `fivcore.kernel_store` calls it
+    shutil.rmtree(new, ignore_errors=True)
+    if (home / "good").exists() and not (path and COMPILES.search((copied / path).read_text())):
+        shutil.copytree(home / "good", new)
     return new
 
 
@@ -173,16 +131,14 @@ def outcome(copied, asked, limit=LIMIT):
     return "" if code == 0 else first[1] if first else f"exit {code}"
 
 
-def tried(copied, room, path, text, known, limit):
+def tried(copied, asked, path, text, known, limit):
     """What becomes of a fault; the test that is known to kill it comes first."""
     file, folder = copied / path, None
     good, stat = file.read_bytes(), file.stat()
     file.write_bytes(text)
     try:
         folder = kernels(copied, path) if path.startswith("fivcore") else None
-        return ("::" in known and outcome(copied, [known], limit)) or outcome(
-            copied, ROOMS[room][2].split(), limit
-        )
+        return ("::" in known and outcome(copied, [known], limit)) or outcome(copied, asked, limit)
     finally:
         file.write_bytes(good)
         os.utime(file, ns=(stat.st_atime_ns, stat.st_mtime_ns))  # Numba compares it
@@ -191,10 +147,13 @@ def tried(copied, room, path, text, known, limit):
 
 def main():
     """Repeat the record, or draw; print each fault as it is tried."""
+    record = json.loads(RECORD.read_text())
     parser = argparse.ArgumentParser(prog="python -m tests.mutants", description=__doc__)
-    parser.add_argument("--room", choices=ROOMS, help="one room; all by default")
+    parser.add_argument("--room", choices=record, help="one room; all by default")
     parser.add_argument("--seed", type=int, help="draw others in place of those of the record")
-    parser.add_argument("--survivors", action="store_true", help="only those that have survived")
+    parser.add_argument(
+        "--survivors", action="store_true", help="only those that have survived or were never tried"
+    )
     options = parser.parse_args()
     copied = Path(tempfile.gettempdir()) / f"fiv-mutants-{os.getuid()}"
     shutil.rmtree(copied, ignore_errors=True)
@@ -205,30 +164,31 @@ def main():
     os.environ |= {"PYTHONPATH": str(copied), "NUMBA_CACHE_DIR": str(copied.with_suffix(".kernels"))}
     for name in LIBRARIES:
         importlib.import_module(name)
-    record = json.loads(RECORD.read_text()) if RECORD.exists() else {}
-    for room in [options.room] if options.room else ROOMS:
-        count, paths, asked = ROOMS[room]
-        files = [str(file.relative_to(ROOT)) for each in paths.split() for file in sorted(ROOT.glob(each))]
+    for room in [options.room] if options.room else record:
+        plan, start, asked = record[room], time.monotonic(), record[room]["tests"].split()
+        files = [
+            str(file.relative_to(ROOT)) for each in plan["sources"].split() for file in sorted(ROOT.glob(each))
+        ]
         texts = {json.dumps(name): text for path in files for name, text in faults(path).items()}
-        if options.seed is not None or room not in record:
-            drawn = random.Random(f"{room} {options.seed or 0}").sample(sorted(texts), count)  # noqa: S311
-            record[room] = dict.fromkeys(sorted(drawn), "")
-        start = time.monotonic()
-        if failure := outcome(copied, asked.split()):
+        if options.seed is not None:
+            drawn = random.Random(f"{room} {options.seed}").sample(sorted(texts), plan["count"])  # noqa: S311
+            plan["faults"] = dict.fromkeys(sorted(drawn), "")
+        folder = kernels(copied)
+        if failure := outcome(copied, asked):
             sys.exit(f"{room}: without a fault, {failure}")
+        if folder.exists():
+            shutil.copytree(folder, copied.with_suffix(".kernels") / "good", dirs_exist_ok=True)
         limit = 30.0 + 3.0 * (took := time.monotonic() - start)
-        print(f"{room}: {count} of {len(texts)} faults; without one the tests take {took:.0f} s", flush=True)
-        for kept in (copied.with_suffix(".kernels") / "fiv").glob("*"):
-            shutil.copytree(kept, copied.with_suffix(".kernels") / "good", dirs_exist_ok=True)
-        for name, known in record[room].items():
+        print(
+            f"{room}: {plan['count']} of {len(texts)} faults; without one the tests take {took:.0f} s", flush=True
+        )
+        for name, known in plan["faults"].items():
             if known.startswith("equivalent") or (options.survivors and known):
                 continue
             if name not in texts:
                 sys.exit(f"{name}: it is no longer in the sources; draw the room again with --seed")
-            found = tried(copied, room, json.loads(name)[0], texts[name], known, limit)
-            record = json.loads(RECORD.read_text())  # what was written by hand meanwhile stays
-            record[room][name] = found
-            print(name, record[room][name] or "SURVIVED", flush=True)
+            plan["faults"][name] = tried(copied, asked, json.loads(name)[0], texts[name], known, limit)
+            print(name, plan["faults"][name] or "SURVIVED", flush=True)
             RECORD.write_text(json.dumps(record, indent=0, ensure_ascii=False) + "\n")
 
 

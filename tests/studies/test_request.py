@@ -135,7 +135,7 @@ def test_a_number_means_the_value_next_to_it_if_it_is_near(values, number, found
 @pytest.mark.parametrize(
     ("name", "known", "said"),
     [
-        ("len", ["mu", "p1_length"], "p1_length"),
+        ("mod", ["mu", "p1_young_modulus"], "p1_young_modulus"),
         ("le", ["mu", "p1_length"], ""),
         ("mv", ["mu", "V"], "mu"),
         ("elements", ["p1_elements", "p2_elements"], "p2_elements or p1_elements"),
