@@ -1,8 +1,8 @@
 """Small faults put into the sources one at a time: which of them do the quick tests notice?
 
-`python -m tests.mutants` tries the faults of `mutants.json` in a copy of the tree and writes what became of
-each: the first test that fails, "timeout", "equivalent" and why, written by hand, or "" if it survived or was never
-tried. Each room has the number of its faults, its sources, and the tests that belong to them, quick ones first.
+`python -m tests.mutants` tries the faults of `mutants.json` in a copy of the tree and writes what became of each:
+the first test that fails, "timeout", or "" if none does or it was never tried; "equivalent" and why is written by
+hand. Each room has the number of its faults, its sources, and the tests that belong to them, quick ones first.
 """
 
 import argparse
