@@ -26,6 +26,7 @@ from fivcore.transient.normalised import Normalised, loading_time
 from fivcore.transient.options import RunOptions
 from fivcore.transient.published import BETA2
 from fivcore.transient.statistics import SEPARATION, SLIP
+from fivcore.transient.summary import CUTOFF_ERROR, UNSTEADY
 from studies.accuracy.rigs import drawn_scene
 from tests.helpers.runs import SERIES, assert_same_run, assert_same_summary
 
@@ -316,6 +317,10 @@ def test_a_summary_states_its_cutoff_and_the_error_that_it_leads_to():
     by_default, given = (simulate(scene, 1.0, cutoff=cutoff).summary for cutoff in (None, 80e3))
     assert by_default["cutoff"] == default_cutoff(Rig())
     assert 0.0085 < by_default["cutoff_error"] < 0.02
+    # How unsteady the motion is, its share over one second says, however long the run.
+    short = simulate(scene, 1.0, settle=0.5).summary
+    share = max(short[f"{status}_fraction_se"] for status in ("stick", "slip", "separation")) * np.sqrt(0.5)
+    assert short["cutoff_error"] == pytest.approx(np.hypot(CUTOFF_ERROR, UNSTEADY * share), rel=1e-3)
     assert given["cutoff"] == 80e3
     assert np.isnan(given["cutoff_error"])
     assert simulate(replace(scene, mu=0.05), 1.0).summary["cutoff_error"] == 0.0

@@ -88,6 +88,12 @@ def test_a_run_that_never_slips_counts_from_its_start():
     assert np.isnan(figures["mean_normal_force_se"])
 
 
+def test_without_a_step_after_settling_there_are_no_shares():
+    figures = figures_of([SLIP] * 100, settle=(100.0 - 0.25) * STEP)  # behind the middle of the last step
+    assert np.isnan([figures["slip_fraction"], figures["mean_normal_force"]]).all()
+    assert figures["regime"] == "undecided"
+
+
 def test_long_sticks_are_those_of_the_least_duration_and_the_last_may_be_censored():
     first = [STICK] * 1000 + [SLIP] * 10
     states = first + [STICK] * 300 + [SLIP] * 10 + [STICK] * 100 + [SLIP] * 10 + [STICK] * 250
@@ -96,6 +102,9 @@ def test_long_sticks_are_those_of_the_least_duration_and_the_last_may_be_censore
     assert figures["stick_starts"] == pytest.approx([0.10105], abs=1e-4)
     assert figures["censored_sticks"] == 1
     assert figures_of(states, min_stick=0.005)["stick_times"] == pytest.approx([0.03, 0.01])
+    last = len(states) * STEP - (len(states) - 250 + 0.5) * STEP
+    for least, count in ((last, 1), (np.nextafter(last, 1.0), 0)):
+        assert figures_of(states, min_stick=least)["censored_sticks"] == count
 
 
 def test_what_comes_before_settling_counts_for_nothing():

@@ -1,5 +1,7 @@
 """Which of the paper's statements hold over the damping: the rules, the choice, and the published scheme."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -154,6 +156,17 @@ def test_a_lines_height_is_over_the_median_around_it():
     point = point.assign(dominant_frequency=2600.0, regime=KIND["irregular"])
     assert regimes.line_height(point) == pytest.approx(20.0)
     assert np.isnan(regimes.line_height(point.assign(regime=KIND["stuck"])))
+
+
+def test_harmonics_are_the_second_and_the_third_and_a_coarse_rig_has_all_of_its_glued_modes():
+    frequency = np.arange(0.0, 15e3, 20.0)
+    power = 1e-3 + sum(np.exp(-(((frequency - order * 2600.0) / 30.0) ** 2)) for order in range(1, 6))
+    point = xr.Dataset({"spectrum_vibrating": ("frequency", power)}, {"frequency": frequency})
+    point = point.assign(dominant_frequency=2600.0, regime=KIND["periodic"])
+    assert regimes.harmonics(point) == pytest.approx([5200.0, 7800.0], abs=1.0)
+    for elements, count in ((1, 5), (2, 8)):
+        rig = Rig(replace(Rig().p1, elements=elements), replace(Rig().p2, elements=elements))
+        assert len(regimes.glued_modes(rig, 5.0)["glued_frequency"][1]) == count
 
 
 def test_no_run_writes_among_the_results_of_the_identified_damping():

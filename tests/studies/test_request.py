@@ -7,6 +7,7 @@ from studies.asking import request
 from studies.asking.request import Request
 from studies.asking.sweep import sweep_of
 from studies.declaring import spec
+from studies.declaring.parameters import suggest
 from studies.declaring.units import convert
 from studies.gallery import fig5
 from studies.study import Parameter, Study
@@ -45,6 +46,7 @@ WORDS = Study(
         ("0.5,2mm/s", "m s-1", [5e-4, 2e-3]),
         ("1e-3,2m/s", "m s-1", [1e-3, 2.0]),  # the unit changes nothing
         ("1e-3,2e-3", "m s-1", [1e-3, 2e-3]),
+        ("1,2e0 mm/s", "m s-1", [1e-3, 2e-3]),  # the exponent is beside the unit
     ],
 )
 def test_a_spec_is_the_values_one_would_type(text, units, values):
@@ -88,10 +90,59 @@ def test_refined_values_keep_those_of_fewer_levels():
         coarse, fine = (spec.refined(text, "V", levels) for levels in (2, 3))
         np.testing.assert_array_equal(fine[::2], coarse)
         assert len(fine) == 2 * len(coarse) - 1
-    np.testing.assert_allclose(spec.refined("log:1:100:2", "V", 1), [1.0, 10.0, 100.0])
-    for text, levels in (("0:1:3", 30), ("1,1.0000000000000002", 1)):
+    for text, values in (("log:1:100:2", [1, 10, 100]), ("log:1:100:3", 10.0 ** np.arange(0, 2.1, 0.5))):
+        np.testing.assert_allclose(spec.refined(text, "V", 1), values)
+    assert spec.refined("0:3:3", "V", 1).tolist() == [0.0, 0.75, 1.5, 2.25, 3.0]
+    for text, levels in (("0:1:3", 23), ("1,1.0000000000000002", 1), ("1.000000000000009,1.00000000000001", 1)):
         with pytest.raises(InputError, match=f"it cannot be halved {levels} times; choose a smaller refine"):
             spec.refined(text, "V", levels)
+
+
+@pytest.mark.parametrize(
+    ("values", "ends"),
+    [
+        ([2.0], [1.0, 3.0]),
+        ([0.0], [-0.5, 0.5]),
+        ([1.0, 19.0], [-8.0, 10.0, 28.0]),
+        ([1.0, 10.5, 20.0], [-3.75, 5.75, 15.25, 24.75]),  # wide, but even
+        ([-1.0, 0.0, 99.0], [-1.5, -0.5, 49.5, 148.5]),
+        ([1.0, 25.0], [0.2, 5.0, 125.0]),
+        ([1.0, 20.0], [20.0**-0.5, 20.0**0.5, 20.0**1.5]),
+        ([1.0, 7.0, 20.0], [7.0**-0.5, 7.0**0.5, 140.0**0.5, 20.0 * (20.0 / 7.0) ** 0.5]),
+    ],
+)
+def test_cells_end_half_way_in_logarithms_on_an_axis_that_is_wide_and_whose_steps_grow(values, ends):
+    np.testing.assert_allclose(spec.edges(np.array(values)), ends, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("values", "number", "found", "meant"),
+    [
+        ([0.0], 0.0, 0.0, True),
+        ([1e-3], 1.0000009e-3, 1e-3, True),
+        ([1e-3], 1.001e-3, 1e-3, False),
+        ([3.0, 2.0, 1.0], 2.0009, 2.0, True),  # a thousandth of the way to the next
+        ([1.0, 2.0, 3.0], 1.0011, 1.0, False),
+        ([1.0, 2.0, 2.1], 2.00009, 2.0, True),
+        ([1.0, 2.0, 2.1], 2.0002, 2.0, False),  # that way is the shorter one
+        ([1, 2], 2.4, 2, False),
+    ],
+)
+def test_a_number_means_the_value_next_to_it_if_it_is_near(values, number, found, meant):
+    assert spec.nearest(values, number) == (found, meant)
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "said"),
+    [
+        ("mod", ["mu", "p1_young_modulus"], "p1_young_modulus"),
+        ("le", ["mu", "p1_length"], ""),
+        ("mv", ["mu", "V"], "mu"),
+        ("elements", ["p1_elements", "p2_elements"], "p2_elements or p1_elements"),
+    ],
+)
+def test_a_near_miss_or_a_part_of_a_name_is_suggested(name, known, said):
+    assert suggest(name, known) == (f"did you mean {said}? " if said else "")
 
 
 @pytest.mark.parametrize(

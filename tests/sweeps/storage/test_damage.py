@@ -1,8 +1,9 @@
 """Damage by a disk: it is noticed, costs what was damaged and no more, and never changes a value unseen."""
 
+import errno
 import random
 import zlib
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 
 import netCDF4
 import numpy as np
@@ -11,6 +12,9 @@ import xarray as xr
 
 from sweeps import InputError, StoreError, Variable, open_results, status
 from sweeps.errors import UNREADABLE
+from sweeps.storage import parts, store
+from sweeps.storage.assemble import Table, present
+from sweeps.storage.existing import sources_of
 from sweeps.storage.parts import SMALL, BatchResult, Failure, Manifest, Packed, PartWriter, pack
 from sweeps.storage.store import TRAILER, Store, signature
 from tests.helpers.waves import GRID, LOG, NAMES, interrupted, sweep
@@ -97,6 +101,33 @@ def test_a_damaged_part_is_reported_and_its_points_alone_are_computed_again(half
     assert len(LOG) == 2 + count
 
 
+def test_parts_that_are_or_turn_out_to_be_damaged_are_left_out(half):
+    first, second, *others = half.part_names()
+    flip(half.parts / first, 8 * 60)
+    table = Table(manifest := Manifest.load(half), sources_of(half, manifest))
+    assert table.damaged == [first]
+    assert [each.name for each in table.without(second)] == others
+
+
+@pytest.mark.parametrize(
+    ("dtype", "attributes", "noticed"),
+    [
+        ("f8", {}, True),
+        ("i4", {}, True),
+        ("i1", {"flag_values": [0, 1]}, True),
+        ("f4", {"_FillValue": 0.0}, False),
+        ("i1", {}, False),
+        ("U3", {}, False),
+    ],
+)
+def test_what_netcdf_fills_in_for_lost_values_is_noticed_where_no_result_can_be_that(dtype, attributes, noticed):
+    values = np.array([netCDF4.default_fillvals.get(dtype, "x"), 1]).astype(dtype)
+    lost, good = (xr.Variable("x", each, attributes) for each in (values, values[1:]))
+    assert present(good).tolist() == good.values.tolist()
+    with pytest.raises(OSError, match="values are lost") if noticed else nullcontext():
+        present(lost)
+
+
 def test_a_flipped_bit_of_the_manifest_costs_nothing(half):
     for _ in flips(half.manifest, 30):
         manifest = Manifest.load(half)
@@ -137,6 +168,34 @@ def test_without_a_usable_manifest_a_run_is_refused_and_deletes_nothing(half, ch
             attempt()
     assert {each: signature(each) for each in half.parts.iterdir()} == before
     assert np.all(sweep().plan(half.file, fresh=True).run()["status"] == 1)
+
+
+def test_a_manifest_that_cannot_be_read_is_not_called_damaged(half, monkeypatch):
+    def closed(path):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(parts, "check_regular", closed)
+    with pytest.raises(StoreError, match=r"manifest cannot be read: .*ermission"):
+        Manifest.load(half)
+    half.manifest.unlink()
+    assert Manifest.load(half) is None
+
+
+def test_a_folder_of_parts_that_cannot_be_read_is_not_called_empty(half, monkeypatch):
+    def closed(path):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(store.os, "scandir", closed)
+    with pytest.raises(StoreError, match=r"parts cannot be read: .*ermission"):
+        half.part_names()
+
+
+def test_a_result_is_there_as_a_file_or_as_parts(path):
+    assert not Store(path).exists()
+    interrupted(sweep().plan(path), 4)
+    assert Store(path).exists()
+    sweep().plan(path).run("sync")
+    assert Store(path).exists()
 
 
 def numbers(content, values):

@@ -50,6 +50,7 @@ def test_axes_grow_and_what_is_there_is_used(path, case, unfinished):
     along(union).plan(path).run()
     whole, names = open_results(path), [*NAMES, "wall_time"]
     assert whole["x"].values.tolist() == np.asarray(union).tolist()
+    assert unfinished or len(whole.attrs["history"].splitlines()) > (len(union) > len(before))
     xr.testing.assert_equal(whole[NAMES], along(union).plan().run()[NAMES])
     places = [whole["x"].values.tolist().index(x) for x in first["x"].values.tolist()]
     xr.testing.assert_equal(whole.isel(x=places)[names].where(first["status"] == 1, first[names]), first[names])
@@ -245,3 +246,11 @@ def test_a_folder_in_the_place_of_the_parts_that_no_run_made_stays(path, tmp_pat
     assert (parts / "notes.txt").read_text() == "mine"
     parts.rename(tmp_path / "elsewhere")
     assert np.all(plan.run()["status"] == 1)
+
+
+@pytest.mark.parametrize("put", [lambda parts: parts.write_text("mine"), lambda parts: parts.symlink_to("none")])
+def test_what_is_no_folder_in_the_place_of_the_parts_is_refused_before_anything_is_computed(path, put):
+    put(path.with_name(f"{path.name}.parts"))
+    with pytest.raises(StoreError, match=r"parts is in the way, for it is no folder; remove it, or"):
+        sweep().plan(path)
+    assert not LOG
