@@ -177,18 +177,23 @@ class Study:
             known = self.known(structure)
             falls = "; friction falls with the speed by kinetic_ratio and decay_speed (studies/README.md)"
             friction = falls if {"mu", "friction"} & {*name.split("_")} else ""
-            # Of what each mode of a structure has, the first mode's names are enough.
-            told = [each for each in known if each not in self.own or not re.search(r"_(?!1$)\d+$", each)]
             what = f"has no such parameter; {suggest(name, known)}"
             if name in KNOWN and name not in self.parameters:
                 what = f"does not depend on the {KNOWN[name].text.partition(':')[0]}; leave it out; "
-            raise InputError(f"{name}: study {self.name} {what}it has {', '.join(told)}{friction}")
+            raise InputError(
+                f"{name}: study {self.name} {what}it has {', '.join(self.listed(structure))}{friction}"
+            )
         return self.parameters[name]
 
     def known(self, structure: Any = None) -> list[str]:
         """Names of the parameters; with a structure without the numbers of the beams and their inclination."""
         beams = {*RIG, "theta"}.difference(self.own) if structure is not None else ()
         return [name for name in self.parameters if name not in beams]
+
+    def listed(self, structure: Any = None) -> list[str]:
+        """Names for a message: of what each mode of a structure has, the first mode's are enough."""
+        of_others = re.compile(r"_(?!1$)\d+$")
+        return [name for name in self.known(structure) if name not in self.own or not of_others.search(name)]
 
     def describe(self) -> str:
         """The paper's statement and the parameters, as lines."""

@@ -44,7 +44,7 @@ def request_of(
     for option, name in [*zip(("x", "y"), sides, strict=False), *given]:
         if name not in study.parameters:
             known = study.known(how.get("structure"))
-            near = f"{suggest(name, known)}choose from {', '.join(known)}"
+            near = f"{suggest(name, known)}choose from {', '.join(study.listed(how.get('structure')))}"
             raise InputError(f"{option} {name}: {quantities[0]} does not depend on it; {near}")
         if (y and len(sides) < 2) or (name in fixed and name in sides):
             raise InputError(f"{option} {name}: it varies already; give it once")

@@ -18,7 +18,10 @@ def of_structure(study: Study, structure: Mapping[str, Any] | None) -> Study:
     if structure is None or not study.takes_structure:
         return study
     own = Structure.from_dict(structure)
-    numbers, beside = parameters(own), study.for_structure(own) if study.for_structure else {}
+    beside = study.for_structure(own) if study.for_structure else {}
+    # d1 and d2 are of a structure that is damped by them.
+    left_out = {"d1", "d2"} if own.rayleigh is None else ()
+    numbers = {name: each for name, each in parameters(own).items() if name not in left_out}
     return replace(study, parameters={**study.parameters, **beside, **numbers}, own=tuple(numbers))
 
 
