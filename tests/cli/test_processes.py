@@ -80,7 +80,7 @@ def test_ctrl_c_is_exit_130_and_the_same_command_goes_on(tmp_path, own, here):
         "interrupted",
     ]
     # One counting: of the message, of the plan and of the status.
-    assert f"cached          {stored[1]}\n" in here("plan", *run[1:-1]).stdout
+    assert f"cached          {stored[1]} of these are stored already\n" in here("plan", *run[1:-1]).stdout
     assert json.loads(here("status", "squares", "--json").stdout)["done"] == int(stored[1])
     assert here(*run).returncode == 0
     assert json.loads(here("status", "squares", "--json").stdout)["state"] == "complete"

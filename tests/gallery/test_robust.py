@@ -56,7 +56,7 @@ def test_total_indices_name_the_parameters_with_most_of_the_variance(result):
     found, expected = (set(np.argsort(values)[-4:]) for values in (at["sobol_total"].values, squares))
     assert len(found & expected) >= 3
     sentence = next(STUDY.summary(result))
-    assert "from mu = 0.1112 on, 2802 Hz" in sentence
+    assert "from mu = 0.1112 on, at 2802 Hz" in sentence
     assert "Young's modulus of P2" in sentence
     assert all(axes.get_legend() is None for axes in runner.draw(STUDY, result)[""].axes)  # none lies on data
 

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fivcore import simulate_many, sliding_modes
+from fivcore import followed_modes, simulate_many
 from studies import registry
 from studies.asking.sweep import sweep_of
+from studies.motion.run import BAND
 
 
 def added(name, **changes):
@@ -17,7 +18,7 @@ def added(name, **changes):
 
 
 def damping_ratio(rig, theta, mu):
-    modes = sliding_modes(rig, theta, mu)
+    modes = followed_modes(rig, theta, mu, BAND)
     return {"damping_ratio": -modes.growth_rate / np.hypot(modes.growth_rate, 2.0 * np.pi * modes.frequency)}
 
 

@@ -80,7 +80,7 @@ def test_what_is_refused_is_named_with_its_value_and_what_is_allowed(default, va
 
 
 def test_lists_ranges_draws_and_columns_are_speeds_of_the_drive(tmp_path):
-    for V in ("2,1mm/s", "1:2:2mm/s", "log:1mm/s:2mm/s:2", [2e-3, 1e-3], np.array([1e-3, 2e-3])):
+    for V in ("1,2mm/s", "2, 1mm/s", "1:2:2mm/s", "log:1mm/s:2mm/s:2", [2e-3, 1e-3], np.array([1e-3, 2e-3])):
         grid = sweep_of(STUDY, Request(values={"V": V}).values_of(STUDY)).grid
         assert grid.axes["V"].values.tolist() == [1e-3, 2e-3]
     drawn = sweep_of(STUDY, Request(values={"V": "uniform:1:2mm/s"}).values_of(STUDY), samples=64).grid.axes["V"]

@@ -189,7 +189,8 @@ def test_any_parameter_may_vary():
     assert data["frequency"].dims == ("mu", "theta", "head_mass", "mode")
     expected, found = sliding_modes(Rig(head_mass=3.0), 8.0, [0.1, 0.2]).frequency, data["frequency"]
     modes = found.sel(theta=8.0, head_mass=3.0).dropna("mode", how="all")
-    np.testing.assert_allclose(modes, expected, rtol=1e-12)
+    # They keep their numbers along mu.
+    np.testing.assert_allclose(np.sort(modes), expected, rtol=1e-12)
 
 
 def test_a_file_has_room_for_the_modes_of_its_longest_rig():
