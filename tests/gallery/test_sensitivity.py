@@ -56,5 +56,5 @@ def test_pairs_are_branches_of_onsets_numbered_where_requested(whole, computed):
 def test_the_summary_names_the_parameters_that_matter(whole):
     [sentence, *tables] = STUDY.summary(whole)
     assert "length of P2 (8.57 to 41.6 %), length of P1 (" in sentence
-    assert sentence.endswith("below 0.1 by head mass, d1, d2.")
+    assert sentence.endswith("less than 0.1 % with head mass, d1, d2.")
     assert [caption.split(",")[0] for caption, _ in tables] == ["2802 Hz", "398 Hz", "7705 Hz"]

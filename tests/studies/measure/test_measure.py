@@ -276,8 +276,8 @@ def test_fig7_with_a_measured_signal(tmp_path, here, motion, monkeypatch):
     drawn.append(runner.draw(runner.study_of(data), data))
     (both, alone) = (each[""].axes for each in drawn)
     assert (len(both), len(alone)) == (6, 3)
-    assert both[3].get_title("left") == "measured: a.csv, v_B"
+    assert both[3].get_title("left") == "(d) measured: a.csv, v_B"
     # Its spectrum lies over that of the run, whose main line it shares.
     assert [each.get_label() for each in both[2].lines].count("measured") == 1
-    (line,) = both[3].lines
+    (line,) = both[5].lines
     assert 1e3 * line.get_xdata()[np.argmax(line.get_ydata())] == pytest.approx(2600.0, rel=0.05)
