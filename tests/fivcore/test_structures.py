@@ -385,7 +385,7 @@ WRONG_MATRICES = [
     ({"stiffness": sparse.csr_array(SWAPPED)}, "only one triangle is there"),
     ({"stiffness": OUT_OF_RANGE}, "must be a matrix of numbers (axis 1 index 1000000 exceeds matrix dimension 3)"),
     ({"stiffness": -K3}, "stiffness: indefinite"),
-    ({"stiffness": K3 * np.inf}, "stiffness has an entry"),
+    ({"stiffness": np.full((3, 3), np.inf)}, "stiffness has an entry"),
     ({"stiffness": np.eye(4)}, "stiffness of shape (4, 4), float64: it must be a real matrix of shape (3, 3)"),
     ({"damping": np.eye(2)}, "damping of shape (2, 2)"),
     ({"damping": -np.eye(3)}, "it must not be negative"),
