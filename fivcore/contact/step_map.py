@@ -67,7 +67,8 @@ def eigenvectors(status: StepMap) -> tuple[Complex, Complex, Complex, float]:
 
 
 def stable(model: ReducedModel, mu: float, step: float) -> bool:
-    """Whether in no contact status the motion alternates with growth."""
+    """Whether no contact status has an alternating motion that grows, with the margin of `largest_share`."""
+    step /= model.largest_share
     z = np.concatenate([np.linalg.eigvals(step_map(model, step, way).matrix) for way in (None, mu, -mu)])
     return not np.any((np.abs(z) > 1.0 + 1e-9) & (np.abs(np.angle(z)) > 0.9 * np.pi))
 

@@ -106,7 +106,10 @@ class Options:
     step : float, optional
         Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1.8e-6 with the default rig; of
         a structure in rigid contact also at most a hundredth of the duration, `transient.fast.run.default_step`);
-        for "exact" only the grid on which statistics are taken, 1e-6 times `time_scale`.
+        for "exact" only the grid on which statistics are taken, 1e-6 times `time_scale`. "fast" refuses steps
+        above `ReducedModel.largest_step` (2.07e-6 s with the default rig), where changes of the contact's status
+        add energy: over 0.2 s of 60 random rigs below 4 % of the energy exchanged up to that step (median 0.5 %;
+        with the default step 0.2 %), but 70 % with a step 12 % longer. `summary["energy_residual"]` has the share.
     min_stick : float, optional
         Shortest long stick, s. Default: a fifth of the time in which the drive at V loads a stuck contact until it
         slips, statically: it depends on the scene alone, not on the start of the run.

@@ -219,6 +219,25 @@ def step_constants(full: bool) -> Iterator[str]:
     for share in (0.5, 1.0, 1.05, 1.1):
         run = simulate(scene, 2.0 if full else 0.5, step=share * usual).summary
         yield f"  {share * reduced.CONTACT_STEP:<18.3g}{run['energy_residual']:10.1e}"
+    yield f"LARGEST_SHARE = {reduced.LARGEST_SHARE:g}: energy residuals over 0.2 s of random rigs"
+    yield f"  {'step times omega':18}{'median':>10}{'largest':>10}"
+    for times in (1.2, 1.5, 1.75, 1.8, reduced.LARGEST_SHARE * reduced.STABILITY_LIMIT, 2.0, 2.1, 2.3):
+        found = residuals(times, 60 if full else 20)
+        yield f"  {times:<18.3g}{np.median(found):10.1e}{found.max():10.1e}"
+
+
+def residuals(times: float, number: int) -> Array:
+    """Energy residuals of random rigs with a step of so many times 1 / omega, allowed or not."""
+    found, share = [], reduced.LARGEST_SHARE
+    reduced.LARGEST_SHARE = 1.0
+    try:
+        for scene in rigs(number):
+            step = times / reduced.reduced_model(scene.rig, scene.theta).contact_frequency
+            runs = simulate_many([scene] * 2, 0.2, ramp=[1e-3, 1.23e-3], settle=0.0, step=step)
+            found += [run.summary["energy_residual"] for run in runs if not isinstance(run, SceneError)]
+    finally:
+        reduced.LARGEST_SHARE = share
+    return np.array(found)
 
 
 def show(full: bool) -> None:

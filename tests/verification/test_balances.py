@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fivcore import Rig, Scene, simulate
-from fivcore.contact.reduced import full_model
+from fivcore.contact.reduced import full_model, reduced_model
 from fivcore.rig import P2
 from fivcore.transient.normalised import Normalised, State, reference_energy
 from studies.accuracy.rigs import drawn_scene
@@ -68,6 +68,20 @@ def test_energy_balances_in_every_kind_of_scene(method, count):
         found[f"{number} {kind}: {scene.V:.3g} m/s, {short:.3g} s"] = residual
     assert len(found) == count
     assert {name: value for name, value in found.items() if not value <= BOUNDS[method]} == {}
+
+
+@pytest.mark.parametrize("number", [0, 1, 3, 5])
+def test_energy_balances_with_the_largest_step(number):
+    """From 2.1 / omega on, changes of the contact's status let the energy of such rigs grow without bound."""
+    scene = drawn_scene(2026 if number == 0 else 2010, number)
+    model = reduced_model(scene.rig, scene.theta)
+    step = 0.999 * model.largest_step
+    assert model.default_step < step < 1.9 / model.contact_frequency
+    run = simulate(scene, 0.1, step=step, settle=0.0).summary
+    assert run["switches_per_second"] > 1000.0
+    assert run["energy_residual"] < BOUNDS["fast"]
+    with pytest.raises(ValueError, match=r"it must be at most .* s; beyond, the contact is unstable"):
+        simulate(scene, 0.1, step=1.001 * model.largest_step)
 
 
 def test_the_residual_is_relative_to_what_turns_over_or_to_the_reference_energy():
