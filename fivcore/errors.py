@@ -13,6 +13,10 @@ class UnsolvedError(ArithmeticError):
     """Roots could not be separated or followed with certainty; the message says where."""
 
 
+class NoVibrationError(UnsolvedError):
+    """The motion that is searched for a limit cycle is stuck or slides steadily."""
+
+
 class SceneError(RuntimeError):
     """A transient without an answer; `scene` is the `Scene` of it."""
 

@@ -11,7 +11,7 @@ import numpy as np
 from fivcore.checks import short
 from fivcore.cycles.flow import PLANE, Flow, Segment
 from fivcore.cycles.shooting import plane_at
-from fivcore.errors import InputError, UnsolvedError
+from fivcore.errors import InputError, NoVibrationError, UnsolvedError
 from fivcore.jit import Array
 from fivcore.rig import Scene
 from fivcore.transient.exact_kernels import SLIP_UP
@@ -112,9 +112,8 @@ def by_run(scene: Scene, flow: Flow, options: Options, duration: float) -> Itera
     run = motion(scene, duration, options=given)
     regime, frequency = run.summary["regime"], float(run.summary["dominant_frequency"])
     if regime not in ("periodic", "irregular", "intermittent") or not np.isfinite(frequency):
-        raise UnsolvedError(
-            f"limit_cycle: after {duration:g} s the motion is {regime!r}; give a guess or a duration"
-        )
+        error = NoVibrationError if regime in ("stuck", "steady sliding") else UnsolvedError
+        raise error(f"limit_cycle: after {duration:g} s the motion is {regime!r}; give a guess or a duration")
     if regime != "irregular":
         yield from from_state(flow, run.final_state)
     for start, lag in windows(run, frequency):

@@ -175,7 +175,8 @@ def limit_cycle(scene: Scene, guess: Any = None, *, options: Options | None = No
     ValueError, ContactError, DivergenceError
         As `fivcore.simulate`.
     UnsolvedError
-        Where nothing near the guess repeats itself, or Newton's method does not converge.
+        Where nothing near the guess repeats itself, or Newton's method does not converge; its subclass
+        `NoVibrationError` where the run that gives a guess ends stuck or in steady sliding.
     """
     duration = keywords.pop("duration", 0.5 * scene.rig.time_scale)
     if isinstance(guess, LimitCycle) and options is None and not keywords:

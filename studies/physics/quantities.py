@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import fivcore
-from fivcore import Friction, Rig, Scene, UnsolvedError, flutter_onsets, limit_cycle, painleve_mu
+from fivcore import Friction, NoVibrationError, Rig, Scene, UnsolvedError, flutter_onsets, limit_cycle, painleve_mu
 from studies.declaring.parameters import SLIDING
 from studies.motion import ensemble, run, uncertainty
 from studies.motion.jobs import each_scene, outcomes
@@ -39,10 +39,15 @@ MOTION = {
 }
 CHAOS = {"lyapunov_exponent": ("s-1", "largest Lyapunov exponent of the motion")}
 CHAOS |= {f"{name}_se": ("s-1", f"standard error of the {text}") for name, (_, text) in CHAOS.items()}
+# "no vibration": the motion is stuck or slides steadily; "not found": it vibrates, or is undecided.
+SEARCHED = ("found", "no vibration", "not found")
 CYCLE = {
     "limit_cycle_frequency": ("Hz", "frequency of the limit cycle near the motion"),
     "limit_cycle_rms": Variable("m s-1", "RMS of the velocity of B on the limit cycle", (), scale="load"),
     "limit_cycle_stable": ("1", "1 where the limit cycle is stable, 0 where it is not"),
+    "limit_cycle_search": Variable(
+        "1", "outcome of the search near the motion", (), "int8", flags=dict(enumerate(SEARCHED))
+    ),
 }
 PROBABILITY = {"probability_unstable": ("1", "probability of instability")}
 PROBABILITY |= {f"{name}_se": ("1", f"standard error of the {text}") for name, (_, text) in PROBABILITY.items()}
@@ -92,14 +97,15 @@ def chaos(scenes: Sequence[Scene], duration: float, **how: Any) -> dict[str, Any
 
 
 def cycles(scenes: Sequence[Scene], duration: float | None, **how: Any) -> dict[str, Any]:
-    """The limit cycle near which the motion of each scene is, NaN where none is found."""
+    """The limit cycle near which the motion of each scene is; NaN, and why, where none is found."""
 
     def values(scene: Scene) -> dict[str, Any]:
         try:
             cycle = limit_cycle(scene, duration=duration or SEARCH * scene.rig.time_scale, **how)
-        except UnsolvedError:
-            return dict.fromkeys(CYCLE, np.nan)
-        found = cycle.frequency, cycle.summary["velocity_rms"], float(cycle.stable)
+        except UnsolvedError as error:
+            outcome = "no vibration" if isinstance(error, NoVibrationError) else "not found"
+            return dict.fromkeys(CYCLE, np.nan) | {"limit_cycle_search": SEARCHED.index(outcome)}
+        found = cycle.frequency, cycle.summary["velocity_rms"], float(cycle.stable), SEARCHED.index("found")
         return dict(zip(CYCLE, found, strict=True))
 
     return each_scene(scenes, values)

@@ -151,13 +151,17 @@ def test_wrong_input_is_one_line_that_names_the_option(how, message):
 
 
 def test_limit_cycles_are_mapped_in_their_own_units():
-    """The vibration at 9 N, and none where sliding is all there is."""
-    names = "limit_cycle_frequency,limit_cycle_rms,limit_cycle_stable"
+    """The vibration at 9 N; no vibration where sliding is all there is; none found in a run that is too short."""
+    names = "limit_cycle_frequency,limit_cycle_rms,limit_cycle_stable,limit_cycle_search"
     how = {"mu": 0.12, "d2": 1e-6, "duration": 0.6}
     _, data = mapped("V=1e-3,2e-3", None, names, fix=how)
     cycle = limit_cycle(Scene(2e-3, 5.0, 0.12, 9.0, Rig(d2=1e-6)), duration=0.6)
     assert data["limit_cycle_frequency"].values == pytest.approx([cycle.frequency, cycle.frequency], rel=1e-5)
     assert data["limit_cycle_rms"].values[1] == pytest.approx(cycle.summary["velocity_rms"], rel=1e-5)
     assert data["limit_cycle_stable"].values.tolist() == [1.0, 1.0]
-    _, none = mapped("mu=0.05,0.06", None, "limit_cycle_frequency", fix={"duration": 0.3})
-    assert none["limit_cycle_frequency"].isnull().all()
+    assert data["limit_cycle_search"].values.tolist() == [0, 0]
+    assert data["limit_cycle_search"].attrs["flag_meanings"] == "found no_vibration not_found"
+    for duration, outcome in ((0.3, 1), (1.1e-3, 2)):
+        _, none = mapped("mu=0.05,0.06", None, "limit_cycle_search", fix={"duration": duration})
+        assert none["limit_cycle_frequency"].isnull().all()
+        assert none["limit_cycle_search"].values.tolist() == [outcome, outcome]
