@@ -27,6 +27,7 @@ from fivcore.errors import (
 )
 from fivcore.foot import on_foot
 from fivcore.friction import DECAYS, FRICTION_PARAMETERS, Friction
+from fivcore.modal.cutoffs import motion_cutoff
 from fivcore.rig import BEAM_PARAMETERS, RIG_PARAMETERS, Beam, Rig, Scene, one_contact
 from fivcore.scenes import equilibrium, loading_time, model_exponents, speed_per_load
 from fivcore.stability.assembled import AssembledModes, assembled_modes, assembled_onsets
@@ -39,7 +40,7 @@ from fivcore.stability.sensitivity import OnsetSensitivity, onset_sensitivity
 from fivcore.stability.several import steady_forces
 from fivcore.stability.sliding import SlidingModes, node_positions, node_shapes, sliding_modes
 from fivcore.stability.tied import glued_frequencies, tune_head_mass
-from fivcore.structure import Structure, modal_structure, motion_cutoff
+from fivcore.structure import Structure, modal_structure
 from fivcore.transient import exact, observe, published
 from fivcore.transient.driver import Transient, located
 from fivcore.transient.lyapunov import LyapunovExponent, lyapunov_exponent

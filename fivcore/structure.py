@@ -16,24 +16,34 @@ mu. Which contacts the load closes is a result (`equilibrium`).
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from scipy import linalg, sparse
-from scipy.sparse.csgraph import connected_components
 
 from fivcore import checks
 from fivcore.beams.elements import axial
-from fivcore.beams.modes import contact_modes, one_blas_thread, residual_flexibility, rig_bases
+from fivcore.beams.modes import contact_modes, one_blas_thread, rig_bases
 from fivcore.damping import BAND_SHARE, fitted, tied_modes, tied_ratios
 from fivcore.errors import DampingWarning, InputError
-from fivcore.finite_elements import DENSE_SIZE, checked_matrix, free_rows, lowest_modes, static_modes
+from fivcore.finite_elements import DENSE_SIZE, checked_matrix, free_rows, lowest_modes
 from fivcore.jit import Array, ReadOnlyArrays
+from fivcore.modal.building import NO_PRELOAD, for_motion, of_loaded_bodies, structure_of, with_matrix
+from fivcore.modal.cutoffs import MOST_MODES, motion_cutoffs
+from fivcore.modal.rows import (
+    checked_positions,
+    contact_rows,
+    extended,
+    finite,
+    kept_nodes,
+    over_dofs,
+    ratios_of,
+    row_of,
+)
 from fivcore.rig import ContactModel, Rig, html_table
 from fivcore.statics import resting
 from fivcore.structure_files import structure_arguments
@@ -42,18 +52,8 @@ from fivcore.structure_files import structure_arguments
 MIDDLE = 5e3
 # Share of its products up to which the normal force at rest is rounding: of a pin on soft springs, loaded at its
 # far end, 1e-9 to 1e-7 with 4 to 80 elements, and 3e-5 on processors without long double.
-PRESSED, NO_PRELOAD = 1e-4, "it does not press the contact at rest, so that there is no motion with friction"
+PRESSED = 1e-4
 ROWS = ("stiffness", "damping", "normal", "tangential", "inertia", "output", "load", "struck")
-# Modes that move the gaps below the default cut-off of motion (the paper's rig: 115 kHz); a mode does if its share
-# of a gap's inverse mass is above PART of the mean up to it (`python -m tests.benchmarks constants`).
-MOTION_MODES, PART = 39, 1e-3
-# Least frequency of the contact, in units of that of the highest kept mode, with which these are enough: it is
-# root 3 of bending beams, 1 of rods; rigs of beams have 1.48 or more, solids 0.5 to 1.2 and twice as many modes.
-SLENDER = 2.0**0.5
-# As many as that where sliding grows above this share of the cut-off, where the contact's dashpot decides on it.
-FURTHER_MODES, GROWTH_REACH = 50, 0.7
-# Most modes in motion, whether they move the gaps or not.
-MOST_MODES = 400
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -168,19 +168,19 @@ class Structure(ContactModel, ReadOnlyArrays):
         ValueError
             Naming the argument, its value and what is allowed, or the motion that nothing holds.
         """
-        omega = 2.0 * np.pi * _row("frequency", frequency, None)
+        omega = 2.0 * np.pi * row_of("frequency", frequency, None)
         if np.any(omega < 0.0):
             raise InputError(f"frequency = {omega.min() / (2.0 * np.pi):g}: it must be 0 or above (Hz)")
         n = len(omega)
-        own, rows = _contact_rows(normal, tangential, gap, friction, n, _row)
-        pushed = _row("load", load, n)
-        read = rows[len(rows) // 2 :].mean(axis=0) if output is None else _row("output", output, n)
-        inertia = np.zeros(n) if drive is None else -_row("drive", drive, n)
-        found = _modal(np.vstack([omega**2, rows, pushed, inertia, read]), own, (d1, d2), damping_ratio)
+        own, rows = contact_rows(normal, tangential, gap, friction, n, row_of)
+        pushed = row_of("load", load, n)
+        read = rows[len(rows) // 2 :].mean(axis=0) if output is None else row_of("output", output, n)
+        inertia = np.zeros(n) if drive is None else -row_of("drive", drive, n)
+        found = structure_of(cls, np.vstack([omega**2, rows, pushed, inertia, read]), own, (d1, d2), damping_ratio)
         if node_positions is None:
             return found
-        nodes, numbers = _positions(node_positions, node_numbers)
-        shapes = _finite("node_shapes", node_shapes)
+        nodes, numbers = checked_positions(node_positions, node_numbers)
+        shapes = finite("node_shapes", node_shapes)
         if shapes.shape != (*nodes.shape, n):
             raise InputError(f"node_shapes of shape {shapes.shape}: it must be {(*nodes.shape, n)}")
         ordered = shapes[..., np.argsort(omega**2, kind="stable")]
@@ -255,13 +255,13 @@ class Structure(ContactModel, ReadOnlyArrays):
         n = M.shape[0]
         K = checked_matrix("stiffness", stiffness, n)
         C = None if damping is None else checked_matrix("damping", damping, n)
-        own, touching = _contact_rows(normal, tangential, gap, friction, n, _over_dofs)
+        own, touching = contact_rows(normal, tangential, gap, friction, n, over_dofs)
         given = {"load": load, "output": output, "drive": drive}
-        rows = {name: _over_dofs(name, row, n) for name, row in given.items() if row is not None}
+        rows = {name: over_dofs(name, row, n) for name, row in given.items() if row is not None}
         rows["normal"], rows["tangential"] = np.split(touching, 2)
         if names is not None and len(names) != n:
             raise InputError(f"names: there are {len(names)}; it must be {n}, one for each degree of freedom")
-        kept = None if node_positions is None else _kept(node_positions, node_numbers, node_rows, K)
+        kept = None if node_positions is None else kept_nodes(node_positions, node_numbers, node_rows, K)
         remarks, free, diagonal = tuple[str, ...](), free_rows(K), K.diagonal()
         name = np.array([f"degree of freedom {dof}" for dof in range(n)] if names is None else names)[free]
         if not free.all():
@@ -271,7 +271,7 @@ class Structure(ContactModel, ReadOnlyArrays):
         contact = np.vstack([rows["normal"], rows["tangential"], rows["load"]])
         band = None if fmax is None else checks.band(fmax)
         band = 10e3 if band is None and n > DENSE_SIZE else band
-        struck = _of_loaded_bodies(M, K, rows["normal"], rows["load"])
+        struck = of_loaded_bodies(M, K, rows["normal"], rows["load"])
         output_row = rows.get("output", rows["tangential"].mean(axis=0))
         drive_row = rows.get("drive", np.zeros(len(name)))
 
@@ -279,7 +279,9 @@ class Structure(ContactModel, ReadOnlyArrays):
             values, vectors, compliance, rigid = lowest_modes(M, K, top, contact, name)
             more = 0 if top == band else len(values) - np.size(damping_ratio)
             table = np.vstack([values, contact @ vectors, -drive_row @ vectors, output_row @ vectors])
-            found = _modal(table, own, (d1, d2), _extended(damping_ratio, more), compliance, vectors, name)
+            found = structure_of(
+                cls, table, own, (d1, d2), extended(damping_ratio, more), compliance, vectors, name
+            )
             text = f"stiffness: motions below {rigid:.2g} Hz, which is its rounding, count as rigid"
             found = replace(found, remarks=(*found.remarks, *remarks, *([text] if rigid else [])))
             if not np.array_equal(struck, rows["normal"]):
@@ -291,9 +293,9 @@ class Structure(ContactModel, ReadOnlyArrays):
                 whole = np.zeros((n + 1, len(values)))
                 whole[:-1][free] = vectors[:, np.argsort(values, kind="stable")]
                 found = replace(found, nodes=nodes, numbers=numbers, shapes=whole[dofs], edges=edges)
-            return found if C is None else _with_matrix(found, vectors.T @ (C @ vectors))
+            return found if C is None else with_matrix(found, vectors.T @ (C @ vectors))
 
-        return _for_motion(up_to(band), band, len(name), up_to)
+        return for_motion(up_to(band), band, len(name), up_to)
 
     @classmethod
     def read(cls, path: str | Path) -> Structure:
@@ -456,7 +458,9 @@ class Structure(ContactModel, ReadOnlyArrays):
         if self.cutoff is None or self.wider:
             return replace(self, cutoff=None) if self.wider and self.wider.static else self
         m = len(self.frequency)
-        return replace(self, cutoff=_cutoffs(self, MOST_MODES if self.static else 2 * m // 3)[1] or self.cutoff)
+        return replace(
+            self, cutoff=motion_cutoffs(self, MOST_MODES if self.static else 2 * m // 3)[1] or self.cutoff
+        )
 
     def receptances(self, frequency: Any, mu: float = 0.0, contact: int = 0) -> Any:
         """Gaps for a unit normal force with T = mu N at frequencies, Hz: h_NN + mu h_NT and h_TN + mu h_TT.
@@ -484,12 +488,12 @@ class Structure(ContactModel, ReadOnlyArrays):
         checks.choice("of", of, ("tied", "free"))
         m, wider = len(self.frequency), self.wider
         if wider is not None:
-            wider = wider.damped(_extended(damping_ratio, len(wider.frequency) - m), of)
+            wider = wider.damped(extended(damping_ratio, len(wider.frequency) - m), of)
         if of == "free":
-            added = 2.0 * _ratios(damping_ratio, m) * np.sqrt(self.stiffness[:m])
+            added = 2.0 * ratios_of(damping_ratio, m) * np.sqrt(self.stiffness[:m])
             return replace(self, damping=np.pad(added, (0, self.static)), rayleigh=None, wider=wider)
         values, shapes = tied_modes(self.stiffness, np.vstack([self.normal, self.tangential]), self.static)
-        ratios, frequency = _ratios(damping_ratio, len(values)), np.sqrt(values) / (2.0 * np.pi)
+        ratios, frequency = ratios_of(damping_ratio, len(values)), np.sqrt(values) / (2.0 * np.pi)
         found = fitted(ratios, self.stiffness[:m], values, shapes)
         structure = replace(self, damping=np.pad(found, (0, self.static)), rayleigh=None, wider=wider)
         given = tied_ratios(found, values, shapes)
@@ -508,236 +512,6 @@ class Structure(ContactModel, ReadOnlyArrays):
         values, shapes = tied_modes(self.stiffness, np.vstack([self.normal, self.tangential]), self.static)
         ratios = tied_ratios(self.damping[: len(shapes)], values, shapes)
         return np.sqrt(values) / (2.0 * np.pi), ratios
-
-
-def _row(name: str, value: Any, n: int | None) -> Array:
-    """A vector of n finite numbers."""
-    try:
-        row = np.array(value.toarray().ravel() if sparse.issparse(value) else value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} = {checks.short(value)}: it must be a row of numbers") from None
-    if row.ndim != 1 or not len(row) or (n is not None and len(row) != n) or not np.all(np.isfinite(row)):
-        count = "one or more" if n is None else str(n)
-        raise InputError(f"{name} of shape {row.shape}: it must be a row of {count} finite numbers")
-    return row
-
-
-def _over_dofs(name: str, value: Any, n: int) -> Array:
-    """A vector over the degrees of freedom, from one or from {dof: weight}."""
-    if not isinstance(value, Mapping):
-        return _row(name, value, n)
-    row = np.zeros(n)
-    for dof, weight in value.items():
-        if not isinstance(dof, (int, np.integer)) or not 0 <= dof < n:
-            raise InputError(f"{name}: degree of freedom {dof!r}: it must be from 0 to {n - 1}")
-        row[dof] = checks.number(f"{name}: weight of {dof}", weight, "a finite number", lambda _: True)
-    return row
-
-
-def _finite(name: str, value: Any) -> Array:
-    return checks.array(name, value, lambda each: checks.number(name, each, "a finite number", np.isfinite))
-
-
-def _positions(value: Any, numbers: Any) -> tuple[Array, Any]:
-    """Positions of nodes in space, (k, 3), and their numbers, (k,)."""
-    nodes = _finite("node_positions", value)
-    if nodes.ndim != 2 or nodes.shape[1] not in (2, 3) or not len(nodes):
-        raise InputError(f"node_positions of shape {nodes.shape}: it must be (k, 3) or (k, 2)")
-    each = np.arange(1, len(nodes) + 1) if numbers is None else np.array(numbers)
-    if each.shape != nodes.shape[:1] or each.dtype.kind not in "iu" or len(np.unique(each)) < len(each):
-        raise InputError(f"node_numbers of shape {each.shape}: it must be {len(nodes)} whole numbers that differ")
-    return np.pad(nodes, ((0, 0), (0, 3 - nodes.shape[1]))), each
-
-
-def _kept(positions: Any, numbers: Any, rows: Any, K: Any) -> tuple[Array, Any, Any, Any]:
-    """Positions of nodes, numbers, degrees of freedom, (k, 3), and pairs of nodes that the stiffness connects."""
-    (nodes, numbers), n = _positions(positions, numbers), K.shape[0]
-    own, rest = divmod(n, len(nodes))
-    if rows is None and rest:
-        raise InputError(f"node_positions: {len(nodes)} nodes do not share {n} degrees of freedom; give node_rows")
-    dofs = np.arange(n).reshape(len(nodes), own)[:, :3] if rows is None else np.asarray(rows)
-    if dofs.dtype.kind not in "iu" or dofs.shape[:1] != nodes.shape[:1] or dofs.ndim != 2 or dofs.shape[1] > 3:
-        raise InputError(f"node_rows of shape {dofs.shape}: it must be whole numbers, 2 or 3 for each node")
-    if dofs.min() < -1 or dofs.max() >= n:
-        raise InputError(f"node_rows = {dofs.min()} to {dofs.max()}: each must be from -1 to {n - 1}")
-    dofs = np.pad(dofs, ((0, 0), (0, 3 - dofs.shape[1])), constant_values=-1)
-    node = np.full(n + 1, -1)
-    node[dofs] = np.arange(len(nodes))[:, None]
-    node[-1] = -1
-    pairs = np.sort(np.stack([node[each] for each in sparse.coo_array(K).coords], axis=1), axis=1)
-    edges = np.unique(pairs[(pairs[:, 0] >= 0) & (pairs[:, 0] < pairs[:, 1])], axis=0)
-    return nodes, numbers, dofs, edges if len(edges) < max(len(nodes) * (len(nodes) - 1) // 2, 4) else edges[:0]
-
-
-def _contact_rows(
-    normal: Any, tangential: Any, gap: Any, friction: Any, n: int, row: Callable[[str, Any, int], Array]
-) -> tuple[dict[str, Any], Array]:
-    """Gap and friction of several contacts, nothing of one; rows of all gaps, (2c, n), the normal ones first."""
-    rows = []
-    for name, value in (("normal", normal), ("tangential", tangential)):
-        value = value.toarray() if sparse.issparse(value) and value.shape[0] > 1 else value
-        several = isinstance(value, (list, tuple, np.ndarray)) and len(value) and not np.isscalar(value[0])
-        rows.append(np.stack([row(name, each, n) for each in (value if several else [value])]))
-    if rows[0].shape != rows[1].shape:
-        raise InputError(f"tangential of shape {rows[1].shape}: it must be {rows[0].shape}, as normal is")
-    count, found = len(rows[0]), dict[str, Any]()
-    for name, value, least, unit in (("gap", gap, 0.0, "m"), ("friction", friction, 1e-6, "a factor of mu")):
-        within = partial(checks.between, name, low=least, high=1e6, unit=unit)
-        each = checks.array(name, float(name == "friction") if value is None else value, within)
-        if each.shape not in ((), (count,)):
-            text = f"it must be one number or {count}, one for each contact"
-            raise InputError(f"{name} of shape {each.shape}: {text}")
-        found[name] = np.broadcast_to(each, (count,)).copy()
-    usual = count == 1 and not found["gap"].any() and found["friction"] == 1.0
-    return {} if usual else found, np.vstack(rows)
-
-
-def _of_loaded_bodies(M: Any, K: Any, normal: Array, load: Array) -> Array:
-    """The row of the normal gap, (n,), without bodies that no matrix connects with what is loaded."""
-    label = connected_components(sum(sparse.csr_array(matrix != 0.0) for matrix in (M, K)), directed=False)[1]
-    return np.where(np.isin(label, label[load != 0.0]), normal, 0.0)
-
-
-def _ratios(value: Any, n: int) -> Array:
-    ratio = checks.array("damping_ratio", value, lambda x: checks.between("damping_ratio", x, 0.0, 10.0, "1"))
-    if ratio.shape not in ((), (n,)):
-        raise InputError(f"damping_ratio of shape {ratio.shape}: it must be one number or {n}, one for each mode")
-    return np.broadcast_to(ratio, (n,))
-
-
-def _extended(ratio: Any, more: int) -> Any:
-    """Damping ratios, one for each mode, of `more` further modes, too: they have the last one."""
-    return np.pad(ratio, (0, max(more, 0)), mode="edge") if np.ndim(ratio) == 1 else ratio
-
-
-def _modal(
-    table: Array,
-    own: Mapping[str, Any],
-    rayleigh: tuple[Any, Any],
-    ratio: Any,
-    compliance: Any = None,
-    vectors: Any = None,
-    names: Any = None,
-) -> Structure:
-    """A checked structure of modes, a `table` of stiffness, normal, tangential, load, inertia and output.
-
-    Of c contacts normal and tangential are c rows each, and `own` has their gap and friction. `compliance`
-    (2c + 1, 2c + 1) is that of the other modes; `vectors` and `names` of degrees of freedom are for messages.
-    """
-    m, order, c = table.shape[1], np.argsort(table[0], kind="stable"), len(table) // 2 - 2
-    d1, d2 = checks.between("d1", rayleigh[0], 0.0, 1e12, "1/s"), checks.between("d2", rayleigh[1], 0.0, 1e12, "s")
-    if m == 1 and table[0, 0] == 0.0:
-        raise InputError(
-            "frequency: the only mode is rigid, so that nothing vibrates; give more, or a higher fmax"
-        )
-    for name, rows in zip(("normal", "tangential", "load"), np.split(table[1:-2], (c, 2 * c)), strict=True):
-        if not rows.any():
-            raise InputError(f"{name}: it must not be zero for every mode")
-    table = table[:, order]
-    if compliance is not None:
-        springs = np.vstack(static_modes(compliance, float(table[0].max())))
-        table = np.hstack([table, np.pad(springs, ((0, 2), (0, 0)))])
-    stiffness, load, inertia, output = (row.copy() for row in table[[0, -3, -2, -1]])
-    normal, tangential = (rows.copy() if own else rows[0].copy() for rows in np.split(table[1:-3], 2))
-    damping = np.where(np.arange(len(stiffness)) < m, d1 + d2 * stiffness, 0.0)
-    if ratio is not None:
-        damping[:m] += 2.0 * _ratios(ratio, m) * np.sqrt(stiffness[:m])
-    _held(stiffness, normal, None if vectors is None else vectors[:, order], names)
-    law, each = None if ratio is not None else (d1, d2), (normal, tangential, inertia, output, load)
-    structure = Structure(stiffness, damping, *each, normal, law, len(stiffness) - m, **own)
-    pressing, rounding = structure._normal_force
-    if abs(pressing) <= rounding:
-        return replace(structure, remarks=(f"load: {NO_PRELOAD}",))
-    if not pressing > 0.0:
-        raise InputError(
-            f"load: with it the contact opens (normal force {pressing:.3g} for a unit load);"
-            " change the sign of load or normal"
-        )
-    if not 1e-12 <= pressing <= 1e12:
-        text = f"{pressing:.3g} for a unit load; it must be from 1e-12 to 1e12"
-        raise InputError(f"load: with it and normal the normal force at rest is {text}")
-    return structure
-
-
-def _with_matrix(found: Structure, by_modes: Array) -> Structure:
-    """With a damping matrix in modal coordinates: its diagonal."""
-    diagonal = np.diag(by_modes)
-    if diagonal.min() < -1e-9 * np.abs(by_modes).max():
-        raise InputError(f"damping: it gives a mode {diagonal.min():g} 1/s; it must not be negative")
-    coupling = float(np.abs(by_modes - np.diag(diagonal)).max() / max(diagonal.max(), 1e-300))
-    text = f"damping: coupling of modes is left out, at most {coupling:.3g} of the largest term"
-    added = np.pad(np.maximum(diagonal, 0.0), (0, found.static))
-    return replace(found, damping=found.damping + added, rayleigh=None, remarks=(*found.remarks, text))
-
-
-def motion_cutoff(own: Structure, most: int = MOST_MODES, number: int | None = None) -> float | None:
-    """Frequency above `number` modes that move the gaps, and at most `most` in all, Hz, to three digits.
-
-    By default `MOTION_MODES`, twice as many where the contact is not `SLENDER`. None: there are fewer. The same
-    whatever modes follow.
-    """
-    if number is None:
-        return _cutoffs(own, most)[0]
-    m = len(own.frequency)
-    gaps = np.vstack([own.normal[..., :m], own.tangential[..., :m]]) ** 2
-    mean = np.cumsum(gaps, axis=1) / np.arange(1, m + 1)
-    moving = np.flatnonzero(np.any((gaps > PART * mean) & (gaps > 0.0), axis=0))
-    last = min([most - 1, *moving[number - 1 : number].tolist()])
-    return float(f"{own.frequency[last : last + 2].mean():.3g}") if m > last + 1 else None
-
-
-def _cutoffs(own: Structure, most: int) -> tuple[float | None, float | None]:
-    """The usual cut-off of motion, and that where it grows near it, Hz."""
-    usual = motion_cutoff(own, most, MOTION_MODES)
-    if usual is None or _slender(own, usual):
-        return usual, motion_cutoff(own, most, FURTHER_MODES)
-    return motion_cutoff(own, most, 2 * MOTION_MODES), motion_cutoff(own, most, 2 * FURTHER_MODES)
-
-
-def _slender(own: Structure, cutoff: float) -> bool:
-    """Whether the kept modes' mass on the others' compliance oscillates `SLENDER` times as fast as they do."""
-    kept, shapes = own.stiffness < (2.0 * np.pi * cutoff) ** 2, np.vstack([own.normal, own.tangential])
-    flexibility = residual_flexibility(own.stiffness[~kept], shapes[:, ~kept])
-    least = SLENDER**2 * own.stiffness[kept].max(initial=0.0) * flexibility - shapes[:, kept] @ shapes[:, kept].T
-    return bool(np.linalg.eigvalsh(least)[0] <= 0.0)
-
-
-def _for_motion(own: Structure, band: float | None, n: int, up_to: Callable[[float], Structure]) -> Structure:
-    """With the cut-off of motion, and the modes below it where `own`, up to `band`, does not have them.
-
-    The upper third of the `n` modes of a mesh is that of no structure; a small model is what it is.
-    """
-    if band is None and n <= MOTION_MODES:
-        return own
-    found, top, most = own, band or 0.0, min(max(2 * n // 3, 2), MOST_MODES)
-    factor, before = 2.0, 0
-    while (cutoffs := _cutoffs(found, most))[1] is None and found.static:
-        m = len(found.frequency)
-        if before:
-            # As the number of modes grows with frequency: of beams as its root, of a plate as it or its square.
-            power = np.clip(np.log(m / before) / np.log(factor), 0.4, 3.0)
-            factor = float(np.clip((1.1 * FURTHER_MODES / m) ** (1.0 / power), 1.25, 8.0))
-        top, before = top * factor, m
-        found = up_to(top)
-    usual, further = cutoffs
-    if usual is None or found is own:
-        return replace(own, cutoff=usual)
-    return replace(own, cutoff=usual, wider=up_to(further or usual))
-
-
-def _held(stiffness: Array, normal: Array, vectors: Array | None, names: Any) -> None:
-    """Raise unless the closed contacts prevent every rigid motion."""
-    rigid = np.flatnonzero(stiffness == 0.0)
-    if not len(rigid):
-        return
-    # The combinations of rigid motions that leave the gap closed.
-    free = linalg.null_space(np.atleast_2d(normal)[:, rigid] / max(np.abs(normal).max(), 1e-300))
-    if free.shape[1]:
-        text = f"{free.shape[1]} rigid motion(s) that the closed contact does not hold"
-        if vectors is not None:
-            moved = np.abs(vectors[:, rigid] @ free[:, 0])
-            text += f"; one moves {names[moved.argmax()]} most"
-        raise InputError(f"stiffness: {text}: support the structure")
 
 
 @lru_cache(maxsize=64)

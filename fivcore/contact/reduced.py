@@ -28,9 +28,10 @@ from fivcore.contact.law import DiscreteContact, at_impulses, ratio, resistance
 from fivcore.contact.several import unique_up_to, with_local
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array, ReadOnlyArrays
+from fivcore.modal.cutoffs import SLENDER
 from fivcore.rig import ContactModel, Rig
 from fivcore.statics import resting
-from fivcore.structure import SLENDER, modal_structure
+from fivcore.structure import modal_structure
 
 MODAL = ("stiffness", "damping", "normal", "tangential", "inertia", "output", "load")
 # Default step of `fast` in units of the contact's own time 1 / omega (with 1.75 the paper's rig balances its

@@ -13,9 +13,10 @@ from fivcore import checks, errors
 from fivcore.contact.reduced import full_model, modified, reduced_model
 from fivcore.errors import ContactError, FixedContactWarning, InputError, OutOfBandWarning, SceneError
 from fivcore.jit import Array
+from fivcore.modal.cutoffs import GROWTH_REACH
 from fivcore.rig import ContactModel, Rig, Scene, checked_theta, one_contact
 from fivcore.stability.several import exponents_at
-from fivcore.structure import GROWTH_REACH, Structure, modal_structure
+from fivcore.structure import Structure, modal_structure
 from fivcore.transient import published
 from fivcore.transient.driver import Transient, drive
 from fivcore.transient.fast.steady import sliding_growth

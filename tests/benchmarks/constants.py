@@ -19,7 +19,7 @@ from fivcore import Friction, Rig, Scene, simulate, simulate_many
 from fivcore.contact import reduced
 from fivcore.errors import ContactError, SceneError
 from fivcore.jit import Array
-from fivcore.structure import MOTION_MODES, motion_cutoff
+from fivcore.modal.cutoffs import MOTION_MODES, motion_cutoff
 from fivcore.transient import summary
 from fivcore.transient.normalised import Normalised, loading_time
 from studies.accuracy.rigs import drawn_scene

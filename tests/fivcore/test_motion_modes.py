@@ -19,7 +19,7 @@ from fivcore import (
     sliding_modes,
 )
 from fivcore.contact.reduced import CONTACT_STEP, reduced_model
-from fivcore.structure import FURTHER_MODES, GROWTH_REACH, MOTION_MODES, SLENDER
+from fivcore.modal.cutoffs import FURTHER_MODES, GROWTH_REACH, MOTION_MODES, SLENDER
 from fivcore.transient.published import PERIOD_SHARE, paper_step
 from tests.benchmarks.constants import by_modes, vibrating
 from tests.helpers import meshes

@@ -1,0 +1,1 @@
+"""Parts that structures are made of."""
