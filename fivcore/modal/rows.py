@@ -1,4 +1,4 @@
-"""Checks of the arguments of structures: rows over modes or degrees of freedom, nodes, contacts, damping ratios."""
+"""Checks of arguments of structures: rows over modes or degrees of freedom, nodes, contacts, damping ratios."""
 
 from __future__ import annotations
 
