@@ -1,13 +1,13 @@
-"""Modes far above a band compressed to a few, once, for everything that a structure does in that band.
+"""Compression of modes far above a frequency band to a few modes with the same response in the band.
 
-Seen from its contact a structure is h(phi) = sum_i g_i g_i^T / (p_i + c_i phi + phi^2), g = (n, t). With
+The receptance at the contact is h(phi) = sum_i g_i g_i^T / (p_i + c_i phi + phi^2), g = (n, t). With
 Rayleigh damping this is a function of the undamped eigenvalue lambda, sum_i w_i w_i^T / (1 - lambda s_i) with
 s = 1 / p and w = g sqrt(s). Block Lanczos from both rows of w gives the Gauss quadrature of this sum: k blocks
 match its first 2 k moments, and its nodes and weights are modes again (Freund, Acta Numerica 12, 2003, 267-319).
 The first block is residual flexibility (MacNeal; Rubin); a mode with s = 0 is static compliance.
 
-With modal damping there is no such variable. A few of the far modes then represent all of them: the responses of
-the others are interpolated to rounding in the disc of the band from those of a few, chosen by QR with pivoting
+With modal damping there is no such variable. A few far modes then represent all of them: within the disc of the
+band, the responses of the others are interpolated to rounding from those of a few, chosen by pivoted QR
 (interpolative decomposition; Cheng, Gimbutas, Martinsson and Rokhlin, SIAM J. Sci. Comput. 26, 2005, 1389-1404).
 """
 

@@ -1,27 +1,28 @@
-"""The law of the reduced contact: a spring and a dashpot in parallel for the modes that are not kept.
+"""Contact law of the reduced model: a spring and a dashpot in parallel replace the truncated modes.
 
-They have a state u = (u_N, u_T) and carry the contact force, K u + C u' = (N, T), C = tau K. The physical gap is
-g_N + u_N, the slip rate g_T' + u_T'. Every contact status is linear:
+The deformation u = (u_N, u_T) of this element carries the contact force, K u + C u' = (N, T) with C = tau K. The
+physical gap is g_N + u_N and the slip rate is g_T' + u_T'. The law is linear in each contact status:
 
 - separation: N = T = 0, while g_N + u_N > 0; u decays as exp(-t / tau);
 - stick: u_N = -g_N and g_T + u_T is constant, while N > 0 and |T| <= mu N;
 - slip: u_N = -g_N and T = s mu N with s = -sign of the slip rate; u_T follows its own first-order equation.
 
 At touch-down u is continuous and N jumps by C_NN times the closing speed. With S = K^-1, exactly one of stick,
-slip forwards and slip backwards is possible if S_NN > mu |S_NT|: T - mu N and T + mu N then increase with u_T'.
-The Painleve limit is the least mu at which this fails, or at which the divisor that gives N in a step of `fast`
-is zero (`DiscreteContact.painleve_mu`); above it the force is not unique. In rigid contact an impact leaves no
-closing speed, and its tangential impulse is within the cone.
+forward slip and backward slip is possible if S_NN > mu |S_NT|, because T - mu N and T + mu N then increase with
+u_T'. The Painleve limit is the smallest mu at which this condition fails, or at which the divisor that yields N in
+a step of `fast` vanishes (`DiscreteContact.painleve_mu`); above it the contact force is not unique. In rigid
+contact an impact leaves no closing speed, and its tangential impulse lies within the friction cone.
 
-Once in a step the kept modes take an impulse, the step times the force, and in between they move exactly. At the
-impulses, where the contact law is evaluated, a mode's deflection is too small by about step^2 / 12 times its
-shape squared: the end correction of the trapezoidal rule for the convolution of force and impulse response, up
-to O(step^4). The spring is made softer by the defect of all modes, step^2 / 12 W; C_NN stays and C remains
-proportional to K (`ReducedModel.discrete`). The second-order error that remains is step^2 / 12 W (omega C)^2
-beside K.
+In each step the kept modes receive one impulse, the step times the force, and move exactly between impulses. The
+contact law is evaluated at the impulses, where the deflection of a mode is too small by about step^2 / 12 times
+its shape squared: the end correction of the trapezoidal rule for the convolution of force and impulse response,
+up to O(step^4). The spring is therefore softened by the defect of all modes, step^2 / 12 W; C_NN is unchanged and
+C remains proportional to K (`ReducedModel.discrete`). The remaining second-order error is step^2 / 12 W (omega
+C)^2 relative to K.
 
-The mean velocity of a damped mode under a lasting force is about damping step^2 / 12 times the shape squared. This
-drift is subtracted, or the contact would slip and stick again for some ten steps where stick ends gently.
+Under a constant force the mean velocity of a damped mode is about damping step^2 / 12 times its shape squared.
+This drift is subtracted; otherwise the contact would alternate between slip and stick for about ten steps where
+stick ends gently.
 """
 
 from __future__ import annotations
@@ -35,14 +36,14 @@ import numpy as np
 from fivcore.errors import SceneValueError
 from fivcore.jit import Array, ReadOnlyArrays
 
-# Below this phase of a mode in a step its series is used, with an error of the eighth power.
+# Below this phase per step a series replaces the closed form; its error is of the eighth power of the phase.
 SMALL = 1e-2
-# Least square of the sine between the directions of rigid contact, in which rounding is 1e-15.
+# Smallest squared sine of the angle between the normal and tangential rows of a rigid contact; rounding is 1e-15.
 LEAST_SINE = 1e-12
 
 
 class SlipMap(NamedTuple):
-    """Slip over a step with any coefficient of friction m: T = m N.
+    """Slip during a step with T = m N, for any coefficient of friction m.
 
     N = alpha / (beta - m gamma), alpha = by_p p + by_v v_N; p = -g_N is the penetration, v are the rates of the
     gaps before the impulse. The mean slip rate is v_T - relaxing u_T + rate_N N + rate_T T, and u_T becomes
@@ -60,7 +61,7 @@ class SlipMap(NamedTuple):
     # m/s per N.
     rate_N: float
     rate_T: float
-    # exp(-step / tau), of u in separation, too.
+    # exp(-step / tau); also the decay of u in separation.
     decay: float
     # m/N.
     end_N: float
@@ -72,12 +73,12 @@ class SlipMap(NamedTuple):
         return self.rate_T + self.rate_N * self.gamma / self.beta
 
     def steepest_fall(self, mu: float) -> float:
-        """Largest -d mu / dv, s/m, up to which slip is unique in a step with N = 1."""
-        # In either direction of slip.
+        """Steepest fall -d mu / dv, s/m, for which the slip rate of a step is unique with N = 1."""
+        # Valid for both directions of slip.
         return (1.0 - mu * abs(self.gamma) / self.beta) / self.mobility
 
     def forces(self, m: float, fall: float = 0.0) -> Array:
-        """N, T and u_T at the end from (p, u_T, v_N, v_T), (3, 4), for T = m N + fall times the slip rate."""
+        """Matrix (3, 4) from (p, u_T, v_N, v_T) to N, T and the final u_T, for T = m N + fall * slip rate."""
         alpha = np.array([self.by_p, 0.0, self.by_v, 0.0])
         free = np.array([0.0, -self.relaxing, 0.0, 1.0]) + self.rate_N / self.beta * alpha
         T = (m / self.beta * alpha + fall * free) / (1.0 - fall * self.mobility - m * self.gamma / self.beta)
@@ -87,20 +88,20 @@ class SlipMap(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DiscreteContact(ReadOnlyArrays):
-    """The contact in a step of `transient.fast.kernel`, for any friction; matrices are (2, 2), normal first.
+    """Discrete contact law of a step of `transient.fast.kernel`, for any friction; matrices (2, 2), normal first.
 
-    Positions are held over the impulse, and velocities enter by their mean, which makes the dashpot implicit in
-    closed form; u_T in slip and u in separation relax exactly.
+    Positions are constant during the impulse and velocities enter as means, so the implicit dashpot has a closed
+    form. In slip u_T relaxes exactly, in separation u does.
     """
 
-    # S of the element with `defect`, m/N (zero: a rigid contact), and its relaxation time, s (0: purely elastic).
+    # Flexibility S of the element including `defect`, m/N (zero: rigid), and relaxation time, s (0: elastic).
     flexibility: Array
     tau: float
-    # Mean rates of the gaps over an impulse by a unit force, m/s per N.
+    # Mean rates of the gaps during an impulse for a unit force, m/s per N.
     delassus: Array
     # s.
     step: float
-    # Compliance that the modes lack in impulses, m/N (`at_impulses`).
+    # Compliance that modes lose when forces act as impulses, m/N (`at_impulses`).
     defect: Array = field(default_factory=lambda: np.zeros((2, 2)))
 
     @cached_property
@@ -122,11 +123,11 @@ class DiscreteContact(ReadOnlyArrays):
 
     @property
     def painleve_mu(self) -> float:
-        """Least coefficient of friction at which the force of a step is not unique."""
+        """Smallest coefficient of friction at which the contact force of a step is not unique."""
         return min(ratio(*self.flexibility[0]), ratio(self.slip.beta, self.slip.gamma))
 
     def stick(self, late: float = 0.0) -> Array:
-        """(N, T) of stick from (p, u_T, v_N, v_T), (2, 4); u_T follows g_T from `late`, s, after the start on."""
+        """Matrix (2, 4) from (p, u_T, v_N, v_T) to (N, T) in stick; u_T follows g_T from `late`, s, on."""
         if not self.flexibility.any():
             return np.hstack([np.zeros((2, 2)), -resistance(self.delassus)])
         times = np.diag([self.tau, self.tau + late])
@@ -145,7 +146,7 @@ class DiscreteContact(ReadOnlyArrays):
 
     @property
     def square_ratio(self) -> float:
-        """Mean square of the rate of a relaxing u_T over a step, in units of its mean squared."""
+        """Mean square of the rate of a relaxing u_T during a step, divided by its squared mean."""
         half = 0.5 * self.step / self.tau if self.tau else 0.0
         return float(half / np.tanh(half)) if half > 1e-6 else 1.0
 
@@ -161,12 +162,12 @@ def resistance(W: Array) -> Array:
 
 
 def ratio(direct: float, cross: float) -> float:
-    """Friction at which the cross term equals the direct one."""
+    """Coefficient of friction at which the cross term equals the direct term."""
     return float(abs(direct / cross)) if cross else float("inf")
 
 
 def at_impulses(stiffness: Array, damping: Array, step: float) -> tuple[Array, Array]:
-    """Defect of the deflection, s2, and mean velocity (drift), s, of modes at the impulses of a steady unit force.
+    """Deflection defect, s2, and mean velocity (drift), s, of modes at the impulses of a constant unit force.
 
     Both (n,) and exact, for modes of unit mass, stiffness in rad2/s2 and damping in 1/s, (n,), and a step in s.
     """
@@ -175,7 +176,7 @@ def at_impulses(stiffness: Array, damping: Array, step: float) -> tuple[Array, A
     safe = np.where(phase == 0.0, 1e-30, phase)
     left = np.exp(-decay)
     sine = left * (np.sin(safe) / safe).real
-    # Determinant of the identity less one step's flow, without cancellation.
+    # Determinant of the identity minus the propagator of a step, without cancellation.
     determinant = np.where(small, 1.0, (1.0 - left) ** 2 + 4.0 * left * (np.sin(0.5 * safe) ** 2).real)
     series = (1.0 + (spring - 4.0 * decay**2) / 60.0) / 12.0
     defect = np.where(small, series, 1.0 / np.where(small, 1.0, spring) - sine / determinant)
@@ -185,7 +186,7 @@ def at_impulses(stiffness: Array, damping: Array, step: float) -> tuple[Array, A
 
 
 def between_impulses(stiffness: Array, step: float) -> Array:
-    """Excess deflection of modes midway between two impulses of a steady unit force, s2."""
+    """Additional deflection of modes midway between two impulses of a constant unit force, s2."""
     z = 0.5 * step * np.sqrt(stiffness)
     small = z < 1e-3
     safe = np.where(small, 1.0, z)

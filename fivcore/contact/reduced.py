@@ -1,16 +1,16 @@
-"""The reduced model of a rig: the modes below a cut-off, and the others' residual flexibility at the contact.
+"""Reduced model: modal truncation at a cut-off frequency with the residual flexibility of the truncated modes.
 
-The modes above the cut-off are too fast to matter by themselves, but they are most of the contact's own compliance
-and take energy out of impacts. A spring and a dashpot in parallel (Kelvin and Voigt) replace them between the two
-surfaces (`fivcore.contact.law`):
+Modes above the cut-off do not matter individually, but they provide most of the compliance at the contact and
+absorb energy in impacts. A spring and a dashpot in parallel (Kelvin-Voigt) between the surfaces replace them
+(`fivcore.contact.law`):
 
 - K is the inverse of their static flexibility (MacNeal, Computers & Structures 1, 1971; Rubin, AIAA Journal 13,
   1975), cross terms included: sliding stability and all quasi-static motion stay those of all modes.
-- C = tau K. Modes above the cut-off take energy from those below it and lose it by damping or to modes higher
-  still. tau gives the fastest oscillation of the kept modes' mass on K the damping ratio CONTACT_DAMPING, of
-  solids less (`ReducedModel.beam_share`), and is at least d2, the dropped modes' own material damping.
+- C = tau K. Modes above the cut-off take energy from those below and dissipate it or pass it on to higher modes.
+  tau gives the fastest oscillation of the modal contact mass on K the damping ratio CONTACT_DAMPING, and less in
+  solids (`ReducedModel.beam_share`). It is at least d2, the material damping of the truncated modes.
 
-Where every mode is kept, the surfaces touch rigidly.
+If no mode is truncated, the contact is rigid.
 """
 
 from __future__ import annotations
@@ -44,27 +44,30 @@ CONTACT_STEP, UNDAMPED_CONTACT_STEP, RIGID_STEP, STABILITY_LIMIT = 1.75, 0.3, 0.
 # 0.2 %), 3.7 % with 1.9 (0.5 %), 9 % with 2.0, 70 % with 2.1 (`python -m tests.benchmarks constants`). Rigid
 # contacts gain below 1 % up to the limit.
 LARGEST_SHARE = 0.8
-# Of a structure in rigid contact, likewise, for each elastic mode and at most: blocks on belts have periods and
-# sticks within 1e-3 (with twice as much 2.5e-3), and up to 20 modes no run takes longer than one with 20.
+# Default step of structures in rigid contact, in the same unit: so much for each elastic mode, up to a maximum.
+# Periods and stick times of blocks on belts are then right within 1e-3 (2.5e-3 with twice the step), and a run
+# with fewer than 20 modes takes no longer than one with 20.
 STEP_PER_MODE, MOST_RIGID_STEP = 0.005, 0.1
-# Statistics are sampled so often, s; where a default step is not longer, a whole number of them fills the time.
+# Sampling interval of the statistics, s; a default step that is not longer divides it.
 INTERVAL = 20e-6
-# Hz. With CUTOFF_SHARE of the frequency that follows from it the largest error of a share of time is below 0.008
-# on half of 102 random scenes, and on 90 % of them below 0.022; with all of it, below 0.006 and 0.025; with 0.64
-# above 0.02 on a fifth of the scenes that stay in one kind of motion. Linear stability, the contact's responses
-# and the axial modes next to the cut-off do not tell which scenes need more.
+# The cut-off is CUTOFF_SHARE of a frequency that follows from LEAST_CUTOFF, Hz (`default_cutoff`). On 102 random
+# scenes the largest error of a share of time is then below 0.008 in half and below 0.022 in 90 % of them; with a
+# share of 1 below 0.006 and 0.025. With 0.64 it exceeds 0.02 in a fifth of the scenes whose motion does not change
+# its kind. Neither linear stability nor the contact's receptances nor the axial modes next to the cut-off predict
+# which scenes need more.
 LEAST_CUTOFF, CUTOFF_SHARE = 115e3, 0.8
-# Damping ratio of the contact. With 0.045 the mean error of a share of time over random rigs with one
-# kind of motion is below 0.01 at cut-offs from 3.1 to 6.2 c / (4 L); 0.06 balances energy better and shifts stick
-# by 0.003. At 75 kHz two and a half times as much raises stick by 0.02 to 0.03; a quarter lets contact ring.
+# Damping ratio of the contact. With 0.045 the mean error of a share of time over random rigs with one kind of
+# motion is below 0.01 at cut-offs from 3.1 to 6.2 c / (4 L); 0.06 improves the energy balance and changes the
+# share of stick by 0.003. At 75 kHz, 2.5 times the ratio raises the share of stick by 0.02 to 0.03, and with a
+# quarter of it the contact rings.
 CONTACT_DAMPING = 0.06
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedModel(ReadOnlyArrays):
-    """Kept modes, and spring and dashpot for the residual flexibility of the others; arrays are read-only."""
+    """Kept modes, and the contact element for the residual flexibility of the others; arrays are read-only."""
 
-    # Of each kept mode, (n,), as in `Structure`; loads are in units of the preload.
+    # Kept modes, (n,), as in `Structure`; loads are in units of the preload.
     stiffness: Array
     damping: Array
     normal: Array
@@ -72,20 +75,20 @@ class ReducedModel(ReadOnlyArrays):
     inertia: Array
     output: Array
     load: Array
-    # Which of all modes these are, (all modes,).
+    # Mask of the kept modes among all modes, (all modes,).
     kept: NDArray[np.bool_]
-    # Inverse of the residual flexibility, N/m, and its dashpot, N s/m, (2, 2), normal first; zero: rigid contact.
+    # Spring (inverse residual flexibility), N/m, and dashpot, N s/m, (2, 2), normal first; zero: rigid contact.
     K: Array
     C: Array
     # Time between two samples, s.
     interval: float = INTERVAL
-    # Static normal gap of the modes that are not kept under a unit load, m; 0 where a rigid mode closes it.
+    # Static normal gap of the truncated modes under a unit load, m; 0 where a rigid mode closes it.
     load_gap: Any = 0.0
     # Default step in rigid contact, in units of the fastest mode's time.
     rigid_step: float = RIGID_STEP
-    # Of c contacts gap shapes are (c, n), K and C (2c, 2c), normal gaps first, and `load_gap` (2c,). These are
-    # initial gaps, factors of mu, and normal forces at rest for a unit load, (c,); the inverse of K, m/N, which
-    # may be singular except for rounding; and C over K, s.
+    # With c contacts gap shapes are (c, n), K and C (2c, 2c), normal gaps first, and `load_gap` (2c,). The fields
+    # below hold initial gaps, factors of mu and normal forces at rest for a unit load, (c,); the inverse of K,
+    # m/N, which may be singular to rounding; and the ratio of C to K, s.
     gap: Any = None
     friction: Any = None
     forces: Any = None
@@ -110,7 +113,7 @@ class ReducedModel(ReadOnlyArrays):
         rigid, push = self.stiffness == 0.0, self.normal if self.forces is None else self.forces @ self.normal
         rest = np.where(rigid, 0.0, (self.load + push) / np.where(rigid, 1.0, self.stiffness))
         if self.forces is not None:
-            # The contacts that are closed are: g_N + u_N = 0.
+            # Closed contacts satisfy g_N + u_N = 0.
             closed, gaps = self.forces > 0.0, self.rest_u[: len(self.forces)] + self.gap + self.normal @ rest
             rest[rigid] = np.linalg.lstsq(self.normal[np.ix_(closed, rigid)], -gaps[closed])[0]
             rest.setflags(write=False)
@@ -122,7 +125,7 @@ class ReducedModel(ReadOnlyArrays):
 
     @cached_property
     def rest_u(self) -> Array:
-        """Gaps of the modes that are not kept, of several contacts at rest, (2c,), m for a unit load."""
+        """Gaps u of the truncated modes with several contacts at rest, (2c,), m for a unit load."""
         force = np.append(self.forces, np.zeros(len(self.normal)))
         return np.asarray((0.0 if self.flexibility is None else self.flexibility @ force) + self.load_gap)
 
@@ -131,13 +134,13 @@ class ReducedModel(ReadOnlyArrays):
         return _discrete(self, step)
 
     def dissipation(self, contact: DiscreteContact) -> Array:
-        """Damping of the dashpot by the mean rates of the gaps over a step, (2, 2), N s/m."""
-        # The mean rate of a gap over an impulse is less than that of the spring within it, by what impulses miss.
+        """Dashpot as seen by the mean rates of the gaps during a step, (2, 2), N s/m."""
+        # Because of the impulse defect, the mean rate of a gap during an impulse is less than that of the spring.
         rates = contact.flexibility @ self.K
         return np.asarray(rates.T @ self.C @ rates)
 
     def painleve_mu(self, step: float | None) -> float:
-        """Mu above which the contact force is not unique, in steps of `fast` or, without a step, by the law."""
+        """Mu above which the contact force is not unique, in steps of `fast` or, with None, in continuous time."""
         if self.forces is not None:
             return unique_up_to(self, step or self.default_step)
         if step is not None:
@@ -146,7 +149,7 @@ class ReducedModel(ReadOnlyArrays):
 
     @cached_property
     def contact_frequency(self) -> float:
-        """Largest angular frequency of the kept modes' mass on the spring K, rad/s; zero in rigid contact."""
+        """Largest angular frequency of the modal contact mass on the spring K, rad/s; zero in rigid contact."""
         if not self.K.any():
             return 0.0
         matrix = self.K @ self.W if self.flexibility is None else np.linalg.solve(self.flexibility, self.W)
@@ -154,20 +157,20 @@ class ReducedModel(ReadOnlyArrays):
 
     @property
     def beam_share(self) -> float:
-        """The contact's frequency over `SLENDER` times that of the highest kept mode; 1 at most, as of beams.
+        """Contact frequency divided by `SLENDER` times the highest kept frequency; at most 1, the value of beams.
 
-        Where it is less, as of solids, most of the contact's compliance belongs to modes far above the cut-off:
-        they yield, but hardly take energy from those below, and the highest kept mode decides the step.
+        A smaller value, as in solids, means that most of the contact's compliance belongs to modes far above the
+        cut-off. They yield statically but absorb little energy, and the highest kept mode determines the step.
         """
         return min(self.contact_frequency / (SLENDER * float(np.sqrt(self.stiffness.max()))), 1.0)
 
     @property
     def default_step(self) -> float:
-        """Step of `fast`, s: a whole part of `INTERVAL`, and where it is longer rounded down to two digits."""
+        """Default step of `fast`, s: it divides `INTERVAL`, or if longer is rounded down to two digits."""
         omega, damping = self.contact_frequency, float(self.damping.max())
         share = self.beam_share * (CONTACT_STEP if self.C.any() else UNDAMPED_CONTACT_STEP)
         most = share / omega if omega else self.rigid_step / float(np.sqrt(self.stiffness.max()))
-        # The law takes the mean of a velocity over an impulse, so a mode may not lose more than e^-2 of it.
+        # The law uses mean velocities during an impulse, so no mode may decay by more than a factor of e^-2.
         most = min(most, 2.0 / damping) if damping > 0.0 else most
         if most <= self.interval:
             return self.interval / float(np.ceil(self.interval / most * (1.0 - 1e-9)))
@@ -194,12 +197,12 @@ def _discrete(model: ReducedModel, step: float) -> DiscreteContact:
     parts = at_impulses(model.stiffness, model.damping, step)
     defect, drift = ((model.shapes * part) @ model.shapes.T for part in parts)
     if model.flexibility is not None:
-        # The dashpot against a motion of all contacts stays.
+        # The dashpot for a common motion of all contacts is unchanged.
         flexibility, every = model.flexibility + defect, np.arange(len(half)) < len(half) // 2
         before, after = (np.linalg.solve(each, every)[every].sum() for each in (model.flexibility, flexibility))
         return DiscreteContact(flexibility, model.relaxation * float(before / after), half - drift, step, defect)
     flexibility = np.linalg.inv(model.K) + defect
-    # C_NN stays.
+    # C_NN is unchanged.
     tau = float(model.C[0, 0] / np.linalg.inv(flexibility)[0, 0])
     return DiscreteContact(flexibility, tau, half - drift, step, defect)
 
@@ -221,13 +224,13 @@ def full_model(rig: ContactModel, theta: float) -> ReducedModel:
 
 
 def default_cutoff(rig: ContactModel) -> float:
-    """Cut-off of a reduced model, Hz: `CUTOFF_SHARE` of a frequency just below an axial mode of P1.
+    """Default cut-off of a reduced model, Hz: `CUTOFF_SHARE` of a frequency just below an axial mode of P1.
 
-    That is the first above `LEAST_CUTOFF`, but not below the third, 5 c / (4 L), which keeps an impact's reflected
-    axial wave. Of large beams less is enough: the frequency at which the bending waves of one of them are four
-    thicknesses long, where Euler-Bernoulli theory has ended, replaces `LEAST_CUTOFF` if it is lower. For the
-    paper's rig: 94 kHz. A structure from matrices keeps the modes that motion needs (`fivcore.structure`), one
-    from modes all.
+    This is the first axial mode above `LEAST_CUTOFF`, and at least the third, 5 c / (4 L), so that the model keeps
+    the reflected axial wave of an impact. Large beams need less: `LEAST_CUTOFF` is replaced by the frequency at
+    which the bending waves of either beam are four thicknesses long, beyond the validity of Euler-Bernoulli
+    theory, if that is lower. The paper's rig has 94 kHz. A structure from matrices keeps the modes that take part
+    in impacts (`fivcore.modal.cutoffs`), a structure from modes keeps all.
     """
     if not isinstance(rig, Rig):
         own = modal_structure(rig, 0.0)
@@ -242,7 +245,7 @@ def default_cutoff(rig: ContactModel) -> float:
 @lru_cache(maxsize=64)
 @one_blas_thread()
 def reduced_model(rig: ContactModel, theta: float, cutoff: float | None = None) -> ReducedModel:
-    """Return the modes below `cutoff`, Hz, by default that of `default_cutoff`, with a residual for the others.
+    """Truncate a structure at `cutoff`, Hz (default: `default_cutoff`), with the residual flexibility of the rest.
 
     A cut-off that keeps fewer than three modes is a `SceneValueError`.
     """
@@ -258,15 +261,15 @@ def reduced_model(rig: ContactModel, theta: float, cutoff: float | None = None) 
     lost = full.stiffness[~kept], full.shapes[:, ~kept]
     flexibility = residual_flexibility(*lost)
     if full.forces is not None and flexibility.any():
-        # A little compliance of each contact's own, so that contacts in one place share a force alike.
+        # A small local compliance of each contact, so that coincident contacts share a force equally.
         flexibility = with_local(flexibility)
         gaps, K = (lost[1] / lost[0]) @ full.load[~kept], np.asarray(np.linalg.inv(flexibility))
         modal: dict[str, Any] = {name: getattr(full, name)[..., kept] for name in MODAL}
         model = replace(full, **modal, kept=kept, K=K, load_gap=gaps, flexibility=flexibility)
         tau = max(2.0 * CONTACT_DAMPING * model.beam_share**4 / model.contact_frequency, rig.d2)
         return replace(model, C=tau * K, relaxation=tau)
-    # One or two modes have no residual of rank two; with them the finite elements are complete. Its condition
-    # number is usually about 3; of a flexibility at 1e8 the inverse has half its digits.
+    # One or two truncated modes have no residual of rank two, so they are kept. The condition number of a residual
+    # is usually about 3; at 1e8 its inverse would lose half the digits.
     complete = (~kept).sum() <= 2 and not own.static
     if complete or kept.all() or np.linalg.cond(flexibility) > 1e8:
         moves = np.arange(len(full.stiffness)) < modes
@@ -287,5 +290,5 @@ Modify = Callable[[ReducedModel], ReducedModel]
 
 
 def modified(model: ReducedModel, modify: Modify | None) -> ReducedModel:
-    """The model after `modify`, made anew each time, for it may depend on more than the model; None: the model."""
+    """Apply `modify`, each time anew because it may depend on more than the model; None: no change."""
     return model if modify is None else modify(model)

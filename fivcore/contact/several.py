@@ -18,34 +18,35 @@ from fivcore.beams.modes import one_blas_thread
 from fivcore.contact.law import DiscreteContact
 from fivcore.jit import Array
 
-# Compliance, or inverse mass, of each of several contacts by itself, in units of the mean.
+# Local compliance, or inverse mass, of each of several contacts, in units of the mean.
 LOCAL = 1e-10
-# Contacts up to which all sets of statuses are looked at; starts of the search beyond.
+# Largest number of contacts for which all sets of statuses are examined; starts of the search beyond it.
 ALL, STARTS = 4, 4
 
 
 def with_local(matrix: Array) -> Array:
-    """A symmetric matrix of all contacts with a little of each contact's own: those in one place share a force."""
+    """Add a small local term of each contact to a symmetric matrix, so that coincident contacts share a force."""
     return np.asarray(matrix + LOCAL * np.trace(matrix) / len(matrix) * np.eye(len(matrix)))
 
 
 def step_matrices(contact: DiscreteContact) -> tuple[Array, Array]:
-    """Q = S + a M by the status before, (3, 2c, 2c), and a, (3,), s; in rigid contact M, and 1."""
+    """Q = S + a M for each previous status, (3, 2c, 2c), and a, (3,), s; M and 1 in rigid contact."""
     S, M = contact.flexibility, contact.delassus
     if not S.any():
         return np.tile(with_local(M), (3, 1, 1)), np.ones(3)
     times = contact.tau + np.array([0.5 * contact.step, 0.0, contact.mean_time])
     matrix = S + times[:, None, None] * M
-    # Normal rows are those of stick whatever the status before.
+    # Normal rows are those of stick for every previous status.
     matrix[:, : len(M) // 2] = matrix[1, : len(M) // 2]
     return matrix, times
 
 
 @lru_cache(maxsize=64)
 def unique_up_to(model: Any, step: float) -> float:
-    """Least coefficient of friction at which the forces of a step, s, of a `ReducedModel` are not unique.
+    """Smallest coefficient of friction at which the forces of a step, s, of a `ReducedModel` are not unique.
 
-    With up to ALL contacts that of all sets of statuses, beyond the least that a search over them finds.
+    Up to ALL contacts all sets of statuses are examined; with more, the result is the smallest that a search
+    finds.
     """
     matrices = step_matrices(model.discrete(step))[0][[1, 2]]
     return min(_least_friction(matrix / np.trace(matrix), np.asarray(model.friction)) for matrix in matrices)
@@ -56,7 +57,7 @@ def _least_friction(matrix: Array, factors: Array) -> float:
     c, known = len(factors), dict[tuple[int, ...], float]()
 
     def at(statuses: Sequence[int]) -> float:
-        """That of one set: 0 open, 1 stick, 2 and 3 slip."""
+        """Critical friction of one set of statuses: 0 open, 1 stick, 2 and 3 slip."""
         key = tuple(statuses)
         if key not in known:
             known[key] = _critical(matrix, factors, np.array(key))
@@ -82,12 +83,12 @@ def _neighbours(now: list[int]) -> Iterator[list[int]]:
 
 
 def _critical(matrix: Array, factors: Array, status: Array) -> float:
-    """Least friction at which the determinant of a set of statuses is zero."""
+    """Smallest friction at which the determinant of a set of statuses vanishes."""
     c, way = len(factors), np.select([status == 2, status == 3], [1.0, -1.0])
     if not way.any():
         return float("inf")
     rows = np.flatnonzero(np.append(status > 0, status == 1))
-    # T = mu way factor N in the columns of N.
+    # Columns of N include T = mu * way * factor * N.
     change = np.zeros((2 * c, 2 * c))
     change[:, :c] = matrix[:, c:] * (way * factors)
     values = np.linalg.eigvals(-np.linalg.solve(matrix[np.ix_(rows, rows)], change[np.ix_(rows, rows)]))
