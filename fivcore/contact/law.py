@@ -135,9 +135,9 @@ class DiscreteContact(ReadOnlyArrays):
 
     @property
     def mean_time(self) -> float:
-        """Time from the start of a step to the mean of a relaxing u_T, s; 0 if rigid.
+        """Time after the start of a step at which a relaxing u_T has its mean value, s; 0 if rigid.
 
-        With it in `stick` a step has one solution where slip ends.
+        Passed as `late` to `stick`, it makes the solution of a step unique where slip ends.
         """
         if not self.tau:
             return self.step if self.flexibility.any() else 0.0

@@ -1,8 +1,8 @@
-"""The loop over segments that all methods share, what ends it, and the result of a run.
+"""Loop over segments that all methods share, stopping rule, and the result of a run.
 
-A method has `advance()`, which takes a run to the end of its next segment and leaves samples, rows and long sticks
-in `run.segments`. The driver hands them to a `Record` and an `Observer`, which never change a run, and
-makes the summary at the end.
+`advance()` of a method takes a run to the end of its next segment and stores samples, rows and long sticks in
+`run.segments`. The driver passes them to a `Record` and an `Observer`, which never change a run, and builds the
+summary at the end.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from fivcore.transient.published import PaperRun
 from fivcore.transient.stepped import Run
 from fivcore.transient.summary import SLIP_DRIVE, STEADY_SPREAD, summarise
 
-# Of "fast" with several contacts the last.
+# The last one applies to "fast" with several contacts.
 METHODS: dict[str, Any] = {"fast": FastRun, "exact": ExactRun, "paper": PaperRun, "several": SeveralRun}
 # Each check is later than the last by this factor of the time since settling.
 LATER = 1.25
@@ -44,8 +44,8 @@ class Transient:
     ----------
     scene : Scene
     summary : dict
-        The figures listed in `fivcore.transient.summary.summarise`, and where `duration` is an `Until`,
-        `standard_error_reached`: False where `most` ended the run.
+        The results listed in `fivcore.transient.summary.summarise`, and if `duration` is an `Until`,
+        `standard_error_reached`, which is False if `most` ended the run.
     time : ndarray, (n,)
         s since the drive started; this and the following are empty unless recorded.
     velocity_B : ndarray, (n,)
@@ -57,10 +57,11 @@ class Transient:
     state : ndarray of int8, (n,)
         0 separation, 1 stick, 2 slip.
     contact_normal_force, contact_tangential_force, contact_slip_velocity, contact_state : ndarray, (n, c)
-        Likewise, of each of several contacts; the former are then sums, the slip velocity that of the fastest, and
-        the state separation where no contact is closed, slip where one slips, else stick.
+        Series of each of several contacts. `normal_force` and `tangential_force` are then sums, `slip_velocity` is
+        that of the fastest contact, and `state` is separation if no contact is closed, slip if one slips,
+        otherwise stick.
     final_state : State
-        State at the end, which `fivcore.simulate` takes as `initial`; for V < 0 that of the mirrored scene.
+        State at the end, for `initial` of `fivcore.simulate`; for V < 0 that of the mirrored scene.
     """
 
     scene: Scene
@@ -92,12 +93,12 @@ class Transient:
 
 
 def _short(value: Any) -> str:
-    """A figure of a summary for a reader."""
+    """Format a value of a summary."""
     return f"{len(value)} values" if np.ndim(value) else value if isinstance(value, str) else f"{value:.5g}"
 
 
 class StoppingRule:
-    """Ends a run in time: `satisfied` says whether its shares were certain enough at the last check."""
+    """Stopping rule of a run; `satisfied` tells whether its shares were certain enough at the last check."""
 
     def __init__(self, run: Run, until: Until) -> None:
         self._run, self._until, self.satisfied = run, until, False
@@ -106,7 +107,7 @@ class StoppingRule:
         self._plan()
 
     def _plan(self) -> None:
-        """Let the run go on to the next check, where samples and segments end together."""
+        """Set the next check of the run, where samples and segments end together."""
         run, record, grid = self._run, self._run.record, MAX_SKIP / self._run.rate
         start, time = run.begun, max(self._until.least, self._stuck, grid)
         if not np.isnan(record["first_slip"][0]):
@@ -117,7 +118,7 @@ class StoppingRule:
         run.pause = min(round(np.ceil((start + time) / grid) * grid / run.step), run.steps)
 
     def check(self, observer: Observer) -> None:
-        """Where the run pauses, end it or let it go on."""
+        """At a pause, end the run or continue it."""
         run = self._run
         if run.time < (run.pause - 0.5) * run.step:
             return
@@ -137,19 +138,19 @@ class StoppingRule:
         errors = errors_of_means(observer.shares(), degrees_of_freedom(observed / unit, self._loading_time / unit))
         if errors.any():
             return bool(np.all(errors <= self._until.standard_error))
-        # Nothing but slip: where a proof that it lasts can still come, a vibration may grow slowly.
+        # Pure slip: as long as permanent sliding may still be proved, a vibration may be growing slowly.
         spread = observer.spread(run.begun + 0.75 * (run.time - run.begun)) / run.scene.speed_per_load
         return bool(spread < (NEARLY_STEADY if run.may_settle else STEADY_SPREAD))
 
 
 class ObservedRun:
-    """One scene under way: its run and its observers."""
+    """A run in progress and its observers."""
 
     def __init__(self, scene: Scene, normalised: Normalised, options: RunOptions) -> None:
         self._scene, resumed, before = scene, options.resumed, options.last_row
         made = METHODS["several" if scene.rig.several else options.method]
         self.run: Run = resumed.resumed(options) if resumed else made(normalised, options)
-        # The result does not keep the run that it continues, which would keep the one before.
+        # The result does not refer to the previous run, which would refer to the one before it.
         self.run.options = replace(options, resumed=None, last_row=None)
         (low, high), unit, begun = PEAK_BAND, scene.rig.time_scale, self.run.begun
         end, times = self.run.steps * self.run.step, options.sample_times
@@ -158,16 +159,16 @@ class ObservedRun:
         if self._rate:
             times = np.arange(*(np.ceil(t * self._rate * (1.0 - 1e-12)) for t in (begun, end))) / self._rate
         if before is not None:
-            # Of the step before, if that was recorded.
+            # The previous step, if recorded.
             before = before[before[:, 0] > begun - 1.1 * self.run.step]
         self._series = Record(normalised, options.record, times, before)
-        # Long sticks that have ended.
+        # Long sticks that ended.
         self._sticks = np.empty((0, 2))
         self._rule = None if options.until is None else StoppingRule(self.run, options.until)
         self._given = abs(self.run.stored_energy()) + sum(energies(normalised))
 
     def observe(self) -> None:
-        """Hand the new segments to the observers; raise `DivergenceError` if the motion has blown up."""
+        """Pass the new segments to the observers; raise `DivergenceError` if the motion has diverged."""
         run, observer = self.run, self._observer
         for segment in run.segments:
             self._series.add(segment.rows)
@@ -177,7 +178,7 @@ class ObservedRun:
                 observer.repeat(segment.t[-1], segment.samples[-1], segment.repeated)
         if self._rule is not None:
             self._rule.check(observer)
-        # The bound of the energy is a thousand times what has been put in.
+        # The energy may not exceed a thousand times the energy supplied.
         bound = 1e3 * (self._given + abs(float(run.record["work"][0])))
         if not run.flush(1e-150 * min(run.scene.speed_per_load, 1.0)) or not run.stored_energy() <= bound:
             now = segment.t[-1] if len(segment.t) else 0.0
@@ -195,7 +196,7 @@ class ObservedRun:
 
 
 def located(error: SceneError, scene: Scene) -> SceneError:
-    """The error with the scene that it belongs to."""
+    """Add the scene to an error."""
     text = f"V = {scene.V:g} m/s, theta = {scene.theta:g} degrees, mu = {scene.mu:g}, F = {scene.F:g} N"
     text += "" if scene.friction == COULOMB else f", friction = {scene.friction}"
     text += "" if scene.rig == Rig() else f", rig = {scene.rig}"
@@ -203,7 +204,7 @@ def located(error: SceneError, scene: Scene) -> SceneError:
 
 
 def drive(scene: Scene, normalised: Normalised, options: RunOptions) -> Transient | SceneError:
-    """Take a run from start to end; return its result, or the error that it ends with."""
+    """Run a scene from start to end; return its result or the error that ended it."""
     try:
         job = ObservedRun(scene, normalised, options)
         while not job.run.done:

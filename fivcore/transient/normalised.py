@@ -1,8 +1,8 @@
 """The normalised scene, the initial state, and the motion of P2's clamp.
 
-A scene is homogeneous in V, F and the decay speed of friction, and (theta, V) mirrors (-theta, -V): every run is
-computed for V > 0 and F = 1, with V / F and v_d / F rounded to 12 digits, and scaled back. Copies of a scene then
-have the same bits.
+The equations are homogeneous in V, F and the decay speed of friction, and (-theta, -V) is the mirror image of
+(theta, V). Every run is therefore computed for V > 0 and F = 1, with V / F and v_d / F rounded to 12 digits, and
+scaled back, so that equivalent scenes give identical bits.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from fivcore.rig import ContactModel, Scene
 class Normalised:
     """A scene for V > 0 and F = 1.
 
-    `theta` is in degrees as seen from the drive, `speed_per_load` V / F in m/s/N, rounded to 12 digits. `load`, F
-    in N, is the factor of velocities, displacements and forces, `sense`, the sign of V, that of all along x. For
-    a structure F is the normal force at rest, and V < 0 is that of the mirrored structure. The decay speed of
-    `friction` is in units of the load, too.
+    `theta` is the inclination seen from the drive, degrees; `speed_per_load` is V / F, m/s/N, rounded to 12
+    digits. Velocities, displacements and forces are scaled back by `load`, F in N, and those along x also by
+    `sense`, the sign of V. For a structure F is the normal force at rest, and V < 0 means its mirror image. The
+    decay speed of `friction` is divided by the load, too.
     """
 
     rig: ContactModel
@@ -55,17 +55,17 @@ class State:
     Attributes
     ----------
     displacement, velocity : ndarray, (modes,)
-        In the order of `fivcore.beams.modes.contact_modes`, P1's modes first, of every mode of both beams; SI with
-        mass-normalised modes. Displacements and velocities of P2 are relative to its clamp. A structure may have
-        a static mode more, which stands for what its modes leave out.
+        Of all modes of both beams in the order of `fivcore.beams.modes.contact_modes`, P1 first; SI units with
+        mass-normalised modes. P2 moves relative to its clamp. A structure may have additional static modes, which
+        represent the modes that are not computed.
     contact : int
         0 separation, 1 stick, 2 slip.
     running : bool
-        Whether the drive runs at its speed already; else a run accelerates it from rest.
+        True if the drive already runs at its speed V; otherwise a run accelerates it from rest.
     statuses : ndarray of int, (c,), or None
-        Of several contacts; `contact` is then that of all of them, and without `statuses` that of each.
+        Statuses of several contacts, which `contact` summarises; None: each contact has the status `contact`.
     time : float
-        Of the end of a run: s since its drive started; else 0.
+        Time of the end of a run, s since its drive started; 0 for other states.
     """
 
     displacement: Array
@@ -74,7 +74,7 @@ class State:
     running: bool = False
     statuses: Any = None
     time: float = field(default=0.0, init=False)
-    # The scene and the run whose end this is, which a run of the same scene continues, and its last row.
+    # Scene and run that end in this state, with the last row; a run of the same scene continues that run.
     origin: tuple[Normalised, Any, Array] | None = field(default=None, init=False, repr=False)
 
     @classmethod
@@ -87,8 +87,7 @@ class State:
         displacement, velocity : array_like, (modes,)
             As the attributes.
         contact : int, optional
-            By default as gap and slip rate say: separation where it is open, stick where the rate is zero to 1e-9
-            of V, else slip.
+            Default: separation if the gap is open, stick if the slip rate is below 1e-9 V, slip otherwise.
 
         Returns
         -------
@@ -107,7 +106,7 @@ class State:
 
     @classmethod
     def end_of(cls, scene: Normalised, run: Any, last_row: Array) -> State:
-        """The state at the end of a run; without its ramp's end the drive does not run at its speed."""
+        """The state at the end of a run; if that is within the ramp, the drive does not yet run at its speed."""
         model, full = run.model, full_model(scene.rig, scene.theta)
         q, v, u = run.state()
         displacement, velocity = np.zeros((2, len(full.stiffness)))
@@ -125,7 +124,7 @@ class State:
 
 
 def _of_several(cls: type[State], scene: Scene, q: Array, v: Array) -> State:
-    """`State.of` with several contacts, whose statuses gaps and slip rates give."""
+    """`State.of` for several contacts; gaps and slip rates determine their statuses."""
     full, n = full_model(scene.rig, scene.theta), len(q)
     gaps, size = full.gap + full.normal[:, :n] @ q, np.abs(full.normal[:, :n]) @ np.abs(q)
     rates = full.tangential[:, : len(v)] @ v - scene.V
@@ -134,19 +133,19 @@ def _of_several(cls: type[State], scene: Scene, q: Array, v: Array) -> State:
 
 
 def status_of_all(statuses: NDArray[Any]) -> int:
-    """The state of a scene by its contacts': separation if none is closed, slip if one slips, else stick."""
+    """Overall contact state: separation if no contact is closed, slip if one slips, otherwise stick."""
     return 0 if not np.any(statuses) else 2 if np.any(statuses > 1) else 1
 
 
 def static_displacement(model: ReducedModel, full: ReducedModel, u: Array) -> Array:
-    """Displacements of the modes that `model` leaves out, (modes,), whose gaps are `u`: load and contact force."""
+    """Static displacements of the truncated modes, (modes,), under load and contact force; their gaps are `u`."""
     lost = np.where(model.kept, 0.0, 1.0 / np.where(model.kept, 1.0, full.stiffness))
     force = model.K @ (u - full.shapes @ (lost * full.load))
     return np.asarray(lost * (full.load + force @ full.shapes))
 
 
 def residual_gaps(scene: Normalised, kept: NDArray[np.bool_], initial: State) -> Array:
-    """Gaps of the modes that are not `kept`, (2,), m per N of load: u at the start."""
+    """Gaps of the truncated modes, (2,), m per N of load: the initial u."""
     full = full_model(scene.rig, scene.theta)
     return np.asarray(full.shapes * ~kept @ initial.displacement)
 
@@ -166,7 +165,7 @@ def energies(scene: Normalised) -> tuple[float, float]:
 
 
 def reference_energy(scene: Normalised, initial: State | None) -> float:
-    """Energy that a balance is relative to if it turns over less (`energy_residual`), for F = 1."""
+    """Reference for `energy_residual` if a run exchanges less energy, for F = 1."""
     full, (stored, moving) = full_model(scene.rig, scene.theta), energies(scene)
     energy = 1e-3 * stored + moving
     if initial is not None:
@@ -178,7 +177,7 @@ def reference_energy(scene: Normalised, initial: State | None) -> float:
 
 
 def loading_time(scene: Normalised) -> float:
-    """Time in which the drive at its speed loads a stuck contact until it slips, statically, s."""
+    """Static loading time, s: how long the drive at V loads a stuck contact until it slips."""
     return slip_distance(scene) / scene.speed_per_load
 
 

@@ -1,11 +1,11 @@
-"""Observers of a run: series, spectra, blocks of samples, and standard errors from that run alone.
+"""Observers of a run: series, spectra, block means, and standard errors estimated from that run alone.
 
-Samples are kept and evaluated once, at the end, so that no figure depends on the segments in which a run is
-computed: 1.6 MB for a simulated second of a rig, 2.2 MB with what the end needs. From MOST_SAMPLES on (0.5 GB, 5.6
-minutes of a rig), every second stretch of LONG_BLOCK samples is dropped, and so on, with a warning. Counters are
-kept of all blocks.
+Samples are stored and evaluated once, at the end, so that no result depends on the segments of a run. They take
+1.6 MB per simulated second of a rig, 2.2 MB including the evaluation. Beyond MOST_SAMPLES (0.5 GB, 5.6 minutes of
+a rig) every second block of LONG_BLOCK samples is dropped, repeatedly if necessary, with a warning. Counters are
+kept for all blocks.
 
-Power spectra are Welch's (Hann windows of 20 ms, half overlapping), one within long sticks and one outside. The
+Power spectra use Welch's method (Hann windows of 20 ms, 50 % overlap), within and outside long sticks. The
 autocorrelation is the inverse transform of the power of zero-padded windows (Wiener-Khinchin).
 
 The mean of n block sums has the variance S / n, where S is their spectral density at zero frequency. With the
@@ -19,12 +19,13 @@ error has Student's distribution with K degrees of freedom (U. K. Mueller, J. Ec
 by Lazarus, Lewis, Stock and Watson, J. Business and Economic Statistics 36, 2018, whose K grows with T^(2/3)).
 A standard error given here is multiplied by t_K(2) / 2, so that 2 of them always hold 95.4 %.
 
-How long the motion is correlated is not known beforehand: sticks of 30 to 80 ms between bursts, and shares that
-wander for 0.1 s where bursts become rare. The time to load a stuck contact until it slips (`loading_time`) scales
-the former, `SETTLING` the latter: K is 0.8 (T / loading_time)^(2/3), at most T / SETTLING, and never below 6.
-`tests/fivcore/test_uncertainty.py` shows how often the long-run value lies within 2 standard errors.
-What lasts for more than a third of a run cannot be seen in it (at 0.6 mm/s the paper's rig changes for seconds
-between cycles with and without separation), nor what it has not met, like a long burst once in five seconds.
+The correlation time of the motion is not known in advance: sticks between bursts last 30 to 80 ms, and shares
+drift over 0.1 s where bursts become rare. The former scales with the time to load a stuck contact until it slips
+(`loading_time`), the latter with `SETTLING`: K is 0.8 (T / loading_time)^(2/3), at most T / SETTLING and at least
+6. `tests/fivcore/test_uncertainty.py` shows how often the long-run value lies within 2 standard errors. Variations
+that last for more than a third of a run cannot be seen in it (at 0.6 mm/s the paper's rig alternates over seconds
+between cycles with and without separation), nor can events that did not occur, such as a long burst once in five
+seconds.
 """
 
 from __future__ import annotations
@@ -54,15 +55,15 @@ PEAK_BAND = (200.0, 10e3)
 # Windows of the autocorrelation, whose lags reach up to half of one. Blocks of the spectra are a multiple of them.
 LONG = 16384
 PADDED, LONG_BLOCK = 3 * LONG // 2, 4 * LONG
-# Windows of each kind that are transformed at once: few enough to stay in the cache.
+# Number of windows transformed at once, small enough to stay in the cache.
 WINDOWS, LONG_WINDOWS = 64, 4
-# Samples in a block of means, some 2.6 ms.
+# Samples per block mean, about 2.6 ms.
 MEANS_BLOCK = 128
-# Rows of the samples that are kept; columns of blocks: start, s; share of stick and of separation; mean N; contact
+# Rows of the stored samples; columns of blocks: start, s; share of stick and of separation; mean N; contact
 # transitions per second.
 TIME, VELOCITY, SLIP_RATE, NORMAL_FORCE = range(4)
 START, STICK_SHARE, OPEN_SHARE, FORCE, TRANSITIONS = range(5)
-# Quantiles are those of at most this largest share of the samples.
+# Quantiles are computed from at most this largest share of the samples.
 UPPER = 0.002
 # Share of a normal distribution within two standard deviations.
 HELD = 2.0 * float(ndtr(2.0)) - 1.0
@@ -75,8 +76,8 @@ _hann = lru_cache(WINDOW)(np.hanning)
 class Record:
     """Named series of a run in its scene's units: at the rows, or linear between them at `times` (n,).
 
-    The rows may follow the `last` (1, 6) of a run that they continue. With several contacts they are wider, and
-    what is theirs is recorded of each as well, (n, c), by the name with "contact_" before it.
+    The rows may continue those of a previous run, whose last row is `last`, (1, 6). With several contacts rows are
+    wider, and the series of each contact, (n, c), are recorded under names with the prefix "contact_".
     """
 
     def __init__(
@@ -105,7 +106,7 @@ class Record:
             self._keep(np.concatenate([before, rows]), t)
 
     def _keep(self, rows: Array, t: Array | None = None) -> None:
-        """Keep the series at the rows or at times `t`; outside of all rows the nearest one counts."""
+        """Store the series at the rows or at times `t`; beyond the rows the nearest one is used."""
         reached = rows[:, 0]
         self._parts["time"].append(reached.copy() if t is None else t)
         for name, factor in self._factors.items():
@@ -120,20 +121,20 @@ class Record:
             self._parts[name].append(values.astype(np.int8) if is_state else values)
 
     def whole(self, end: float) -> dict[str, Any]:
-        """Each series before `end`, s, in one piece; nothing where nothing was recorded."""
+        """Each series before `end`, s, as one array; empty if nothing was recorded."""
         if self._times is not None:
             self._keep(self.last, self._times[self._times < end])
-        # Each is removed before the next is joined, so that only one at a time has two copies in memory.
+        # Each is removed before the next is joined, so only one at a time is in memory twice.
         return {name: np.concatenate(parts) for name in [*self._parts] if (parts := self._parts.pop(name))}
 
 
 def _add_power(power: Array, samples: Array, taper: Array, hop: int, at_once: int) -> None:
-    """Add the power of all windows of the taper's length, each less its mean, tapered and padded with zeros.
+    """Add the power of all windows of the taper's length, after removal of the mean, tapering and zero padding.
 
-    `power` (n // 2 + 1,) is that of transforms of length n, of which some are made `at_once`.
+    `power`, (n // 2 + 1,), belongs to transforms of length n, of which `at_once` are computed together.
     """
     samples, length = np.ascontiguousarray(samples), len(taper)
-    # `sliding_window_view` takes as long as the transforms of short parts.
+    # For short parts `sliding_window_view` takes as long as the transforms.
     shape = (len(samples) - length) // hop + 1, length
     windows: Array = np.ndarray(shape, buffer=samples, strides=(8 * hop, 8))
     for first in range(0, len(windows), at_once):
@@ -156,7 +157,7 @@ class Spectrum:
         """Frequency of the largest peak within a band, Hz, by a parabola through its logarithm; or NaN."""
         power, (low, high) = self.power, band or self.band
         inner = self.frequency[1:-1]
-        # Not the foot of something below or above the band.
+        # Exclude the flank of a peak outside the band.
         peaks = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]) & (inner >= low) & (inner <= high)
         if not peaks.any():
             return float("nan")
@@ -168,7 +169,7 @@ class Spectrum:
 
 
 def welch(parts: Iterable[Array], rate: float, band: tuple[float, float] = PEAK_BAND) -> Spectrum:
-    """Power spectrum of parts of a signal; one shorter than a window counts from an eighth of it on."""
+    """Power spectrum of parts of a signal; parts shorter than a window count from an eighth of its length."""
     power = np.zeros(WINDOW // 2 + 1)
     for part in parts:
         if len(part) >= WINDOW // 8:
@@ -179,8 +180,8 @@ def welch(parts: Iterable[Array], rate: float, band: tuple[float, float] = PEAK_
 class Correlation:
     """Autocorrelation up to a sixth of a second, and spectrum, of all parts (n,) of a signal at `rate`, Hz.
 
-    What is left of a part after its whole windows counts from half a window on, or if there is nothing longer. The
-    signal goes on without power for `still` samples.
+    The remainder of a part after its whole windows counts if it is at least half a window long, or if nothing is
+    longer. The signal continues without power for `still` samples.
     """
 
     def __init__(
@@ -201,7 +202,7 @@ class Correlation:
                 self._windows[length] += len(samples) // length
 
     def peak(self) -> float:
-        """Frequency of the largest peak of the whole signal within the band, Hz, as resolved as by `welch`."""
+        """Frequency of the largest peak of the whole signal within the band, Hz, with the resolution of `welch`."""
         smooth = np.convolve(self._power, _hann(2 * (PADDED // WINDOW) + 1), "same")
         return Spectrum(np.asarray(np.fft.rfftfreq(PADDED, 1.0 / self._rate)), smooth, self._band).peak()
 
@@ -219,28 +220,29 @@ class Correlation:
 class Observer:
     """Statistics of a run after settling, from at most `count` samples at `rate`, Hz.
 
-    Peaks of spectra are sought within the `band`, Hz. While the run goes on, `blocks`, `shares` and `spread` tell
-    of what has been added; all else is for its end, and spectra are divided by the long `sticks` (k, 2), begin and
-    end, s. Stretches of LONG_BLOCK samples are counted from the start of the run, blocks of MEANS_BLOCK samples
-    from that of the statistics.
+    Peaks of spectra are located within the `band`, Hz. During the run `blocks`, `shares` and `spread` are
+    available; all other results are for its end. The long `sticks`, (k, 2), start and end in s, separate the two
+    spectra. Blocks of LONG_BLOCK samples are counted from the start of the run, blocks of MEANS_BLOCK samples from
+    that of the statistics.
     """
 
     def __init__(self, rate: float, count: int, band: tuple[float, float] = PEAK_BAND) -> None:
         self.rate, self.band, self.sticks = rate, band, np.empty((0, 2))
-        # Memory is in use only where something has been written.
+        # The operating system allocates memory only for parts that are written.
         self._room = np.empty((4, max(min(count, MOST_SAMPLES), 2 * LONG_BLOCK)))
         self._origin = self._settled_from = np.nan
-        # How many samples were filled in at the end, and how many of them are not kept; the last one that is.
+        # Number of samples filled in at the end, number of those not stored, and the last stored one.
         self.repeated, self._filled, self._sample = 0, 0, np.zeros(4)
         self._reset()
 
     def _reset(self) -> None:
-        # Samples that are kept, and all; of how many stretches one is kept; time and counters at starts of blocks.
+        # Numbers of stored and of all samples; one of this many blocks is stored; time and counters at starts of
+        # blocks.
         self._count, self._seen, self._every = 0, 0, 1
         self._starts = [np.empty((0, 1 + SAMPLE - 3))]
 
     def add(self, t: Array, samples: Array, settled_from: float) -> None:
-        """Take the next `samples` (n, SAMPLE) at times t (n,). If `settled_from` has moved, all begins anew."""
+        """Take the next `samples` (n, SAMPLE) at times t (n,); restart if `settled_from` has changed."""
         if settled_from != self._settled_from:
             self._settled_from = settled_from
             self._reset()
@@ -272,20 +274,20 @@ class Observer:
 
     @property
     def kept(self) -> Array:
-        """Times, velocities of B, slip rates and N of the samples that are kept, (4, n)."""
+        """Times, velocities of B, slip rates and N of the stored samples, (4, n)."""
         return self._room[:, : self._count]
 
     def _thinned(self, t: Array, samples: Array) -> tuple[Array, Array]:
-        """Those of the samples at times t that lie in stretches that are kept."""
+        """The samples at times t that lie in stored blocks."""
         if self._every == 1:
             return t, samples
         here = np.rint((t - self._origin) * self.rate) // LONG_BLOCK % self._every == 0
         return t[here], samples[here]
 
     def repeat(self, t: float, sample: Array, count: int) -> None:
-        """Count `count` samples more like the last one, at `t`, outside of long sticks; they end the run."""
+        """Repeat the last sample, at `t`, `count` times at the end of the run, outside long sticks."""
         unsettled = int(np.clip(np.ceil((self._settled_from - t) * self.rate - 1e-6) - 1, 0, count))
-        # They complete the stretch that is begun; of those after it only the number counts.
+        # They complete the present block; of later ones only the number is stored.
         begun = (round((t - self._origin) * self.rate) + 1 + unsettled) % LONG_BLOCK
         here = min(LONG_BLOCK - begun, count - unsettled)
         times = t + (unsettled + np.arange(1, here + 1)) / self.rate
@@ -302,28 +304,28 @@ class Observer:
 
     @property
     def _cuts(self) -> NDArray[np.intp]:
-        """Where stretches begin within the samples that are kept."""
+        """Starts of the blocks within the stored samples."""
         t = self.kept[TIME]
         samples = np.arange(LONG_BLOCK, (t[-1] - self._origin) * self.rate + 1.0 if len(t) else 0.0, LONG_BLOCK)
         return np.unique(np.searchsorted(t, self._origin + (samples - 0.5) / self.rate))
 
     @cached_property
     def moving(self) -> Spectrum:
-        """Outside of long sticks."""
+        """Spectrum outside long sticks."""
         return self._spectrum(False)
 
     @cached_property
     def stuck(self) -> Spectrum:
-        """Within long sticks."""
+        """Spectrum within long sticks."""
         return self._spectrum(True)
 
     @cached_property
     def correlation(self) -> Correlation:
-        """Autocorrelation of the velocity of B, in and outside of long sticks."""
+        """Autocorrelation of the velocity of B, within and outside long sticks."""
         return Correlation(np.split(self.kept[VELOCITY], self._cuts), self.rate, self.band, self._filled)
 
     def periodicity(self, frequency: float) -> float:
-        """Autocorrelation after 20 periods of a frequency, Hz: the largest within half a period of there."""
+        """Autocorrelation after 20 periods of a frequency, Hz: its maximum within half a period of that lag."""
         period = self.rate / frequency
         return self.correlation.near(20.0 * period, 0.5 * period)
 
@@ -343,10 +345,10 @@ class Observer:
         return {row: self._largest(row) for row in (SLIP_RATE, NORMAL_FORCE)}
 
     def _largest(self, row: int) -> Array:
-        """The largest magnitudes of a row that quantiles need, largest first, between infinities."""
+        """The largest magnitudes of a row, which quantiles need, in descending order between infinities."""
         values, count = np.abs(self.kept[row]), min(self._count, int(UPPER * (self._count + self._filled)) + 2)
         peaks = np.sort(np.maximum.reduceat(values, np.arange(0, len(values), MEANS_BLOCK)))
-        # As many are at least so large: those that are missing above it are equal to it.
+        # This many are at least so large; those missing above it are equal to it.
         level = peaks[-count] if 0 < count <= len(peaks) else -1.0
         above = -np.sort(-values[values > level])[:count]
         return np.r_[np.inf, above, np.full(count - len(above), level), -np.inf]
@@ -361,7 +363,8 @@ class Observer:
             return float("nan")
         largest, other = self._magnitudes[row], abs(self._sample[row])
         place = (1.0 - share) * (count - 1)
-        # Counted from the largest. With so many of one value that at a place is the median of this and two others.
+        # Counted from the largest. With repeated values, the value at a place is the median of this and two
+        # others.
         places = 1 + np.minimum(int(place) + np.arange(2), count - 1)
         low, high = (np.clip(at, 0, len(largest) - 1) for at in (places, places - self._filled))
         one, next_one = np.clip(other, largest[low], largest[high])
@@ -386,7 +389,7 @@ class Observer:
         return np.stack([stick, 1.0 - stick - separation, separation], axis=1)
 
     def spread(self, start: float) -> float:
-        """Half the range of the slip rate since `start`, s; infinite where the contact did not always slip."""
+        """Half the range of the slip rate since `start`, s; infinite if the contact did not always slip."""
         blocks = self.blocks
         begun = self._starts[0][:, START]
         if blocks[blocks[:, START] >= start][:, [STICK_SHARE, OPEN_SHARE]].any():
@@ -397,10 +400,10 @@ class Observer:
 
 
 def observed(signal: Array, rate: float, quiet: Array, band: tuple[float, float] = PEAK_BAND) -> Observer:
-    """Observe one signal (n,) at `rate`, Hz, in place of a velocity of B.
+    """Observe one signal (n,) at `rate`, Hz, in place of the velocity of B.
 
-    `quiet` (k, 2), s from its start, are spells in place of long sticks. All of the observer that is not of the
-    velocity of B is zero.
+    `quiet` (k, 2), s from its start, are intervals in place of long sticks. All other inputs of the observer are
+    zero.
     """
     observer, t = Observer(rate, len(signal), band), np.arange(len(signal)) / rate
     observer.sticks = quiet
@@ -415,13 +418,13 @@ def observed(signal: Array, rate: float, quiet: Array, band: tuple[float, float]
 def errors_of_means(values: Array, degrees: int) -> Array:
     """Standard errors (m,) of the means of successive `values` (n, m); the estimator has `degrees` of freedom.
 
-    NaN where there are fewer than 2 `degrees` values.
+    NaN if there are fewer than 2 * `degrees` values.
     """
     n = len(values)
     if not 0 < 2 * degrees <= n:
         return np.full(values.shape[1], np.nan)
     y = dct(np.ascontiguousarray((values - values[0]).T))[:, 1 : degrees + 1]
-    # SciPy's transform is twice the sum.
+    # SciPy's transform returns twice the sum.
     density = np.sum(y**2, axis=1) / (2.0 * n * degrees)
     return np.asarray(0.5 * stdtrit(degrees, 0.5 * (1.0 + HELD)) * np.sqrt(density / n))
 
@@ -436,10 +439,11 @@ def degrees_of_freedom(time: float, loading_time: float) -> int:
 def standard_errors(observer: Observer, degrees: int, sticks: Array) -> dict[str, float]:
     """Standard errors of the statistics of a vibration, normalised; NaN where there is no value.
 
-    That of the RMS is that of a mean to first order. The mean of N - 1 is the change of a momentum, which is
-    stationary, over the time: 95.4 % of the changes between 128 instants are below twice the standard error. A
-    quantile's is half the distance between those at its share plus and minus the share's own (R. S. Woodruff, J.
-    American Statistical Association 47, 1952). Durations of long `sticks` (k,) need twice the FEWEST degrees.
+    The error of the RMS is that of a mean to first order. The mean of N - 1 is the change of a stationary
+    momentum, divided by the time; 95.4 % of the changes between 128 instants are below twice the standard error.
+    The error of a quantile is half the distance between the quantiles at its share plus and minus the error of the
+    share (R. S. Woodruff, J. American Statistical Association 47, 1952). Durations of long `sticks`, (k,), need
+    twice the FEWEST degrees.
     """
     x, velocity = observer.blocks, observer.by_block(VELOCITY)
     mean = velocity.mean() if len(velocity) else 0.0

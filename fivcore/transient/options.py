@@ -23,11 +23,11 @@ BOUNDS = {
     "step": (1e-12, 1.0, "s"),
     "cutoff": (1.0, 1e12, "Hz"),
     "sample_rate": (1e-3, 1e9, "Hz"),
-    # Below 0.5 every mode grows.
+    # Below 0.5 every mode is unstable.
     "beta2": (0.5, 1.0, "1"),
 }
 DURATION = (1e-9, 1e6, "s")
-# Default rate of series, Hz, in units of a structure's time, and default ramp, s.
+# Default sampling rate of series, Hz (divided by a structure's `time_scale`), and default ramp, s.
 DEFAULT_RATE, DEFAULT_RAMP = 100e3, 1e-3
 # Shortest long stick, in loading times.
 LONG_STICK = 0.2
@@ -41,19 +41,20 @@ UNUSED = {
 
 @dataclass(frozen=True)
 class Until:
-    """How long a run lasts: until its shares of time in stick, slip and separation are known well enough.
+    """Stopping rule: a run lasts until its shares of time in stick, slip and separation are certain enough.
 
-    The run is checked after times that grow by a quarter, and ends where at two checks in a row no share has a
-    larger standard error (`observe.standard_errors`): one that is too small by chance does not end it. Statistics
-    last for at least 20 times the time in which the drive loads a stuck contact until it slips. Once steady
-    sliding is proved, or without slip the drive has moved 1.3 times what slips statically, `least` is enough.
+    The run is checked at times that grow by a quarter. It ends when, at two successive checks, no share has a
+    larger standard error than requested (`observe.standard_errors`), so that one small by chance does not end it.
+    Statistics last for at least 20 loading times, the static time in which the drive loads a stuck contact until
+    it slips. If steady sliding is proved, or if the drive has moved 1.3 times the static slip distance without
+    slip, `least` is sufficient.
 
     Parameters
     ----------
     standard_error : float
         Largest standard error of a share.
     least, most : float
-        Shortest time that statistics last, s; longest simulated time, s, whatever else is asked.
+        Shortest duration of the statistics, s; longest simulated time, s, which limits everything else.
 
     Raises
     ------
@@ -73,67 +74,69 @@ class Until:
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How `simulate` computes a motion and what it records; checked when made.
+    """Numerical options and recording of `simulate`; checked on construction.
 
     Parameters
     ----------
     method : {"fast", "exact", "paper"}
-        Symmetric steps of second order of the reduced model; the same model integrated from event to event, some
-        500 times slower for the paper's rig; the published scheme (Newmark with the friction law of Prakash and
-        Clifton) on all modes.
+        "fast": reduced model with symmetric steps of second order. "exact": the same model integrated from event
+        to event, about 500 times slower for the paper's rig. "paper": the published scheme (Newmark with the
+        friction law of Prakash and Clifton) on all modes.
     numerical_damping : {"published", "none"}, optional
-        "published": with the stiffness damping that the published scheme adds of its own, (beta2 - 1/2) times its
-        step of 2e-8 s, of a structure its default step: "fast" and "exact" add it to the rig's d2. "none": the
-        model as given; for "paper" beta2 = 0.5. Default: "published" for "paper", "none" for the others.
+        "published": with the numerical stiffness damping of the published scheme, (beta2 - 1/2) times its step of
+        2e-8 s (for a structure its default step), which "fast" and "exact" add to d2. "none": the model as given;
+        for "paper" beta2 = 0.5. Default: "published" for "paper", "none" for the others.
     ramp : float, optional
-        Time in which the clamp of P2 is uniformly accelerated to its velocity, s. "fast" takes a ramp shorter than
-        a step as none, "exact" one below 1e-7 s (times `time_scale`); the drive that decides on "undecided"
-        includes it. Default: 1 ms; none where the drive runs already, beside which a ramp is an error.
+        Duration of the uniform acceleration of P2's clamp to its velocity, s. "fast" ignores a ramp shorter than a
+        step, "exact" one below 1e-7 s (times `time_scale`). Default: 1 ms; if the drive runs already there is no
+        ramp, and a value is an error.
     settle : float, optional
-        Start of the statistics, s since the drive started. Default: 0.1 s after the first slip, of a structure
-        0.1 s times `summary["time_scale"]`; 0 without slip.
+        Start of the statistics, s since the drive started. Default: 0.1 s after the first slip (for a structure
+        times `summary["time_scale"]`); 0 without slip.
     initial : State or tuple, optional
-        Displacements and velocities of all modes, contact state; its drive starts or runs already (`State`).
-        Default: at rest under the load, T = 0, stuck. The `final_state` of a run of the same scene, method and
-        model continues that run: times count from its start, `duration` is added, and the motion has the same bits
-        as one run without the stop ("exact": to rounding; with skips: if both stop at the same times, as at
-        multiples of 1024 samples of 20 microseconds). In another scene or model the run starts at t = 0 from the
-        modes and the contact state; a `modify` is the same if it makes equal models.
+        Displacements and velocities of all modes and contact state; the drive starts or already runs (`State`).
+        Default: at rest under the load with T = 0, in stick. The `final_state` of a run with the same scene,
+        method and model continues that run: times count from its start, `duration` is added, and the motion has
+        the same bits as an uninterrupted run ("exact": to rounding; with skips: if both stop at the same times,
+        such as multiples of 1024 samples of 20 microseconds). With another scene or model the run starts at t = 0
+        from the modal and contact state. Two functions `modify` count as equal if their models are equal.
     cutoff : float, optional
-        Highest frequency of a mode, Hz; not for "paper", which keeps all. Default: 94 kHz for the paper's rig
-        (`contact.reduced.default_cutoff`), with more for the onset (`transient.fast.onset`). A structure from
-        matrices keeps the modes that take part in impacts, whatever its `fmax`; one from modes keeps all.
+        Cut-off frequency of the modal truncation, Hz; not for "paper", which keeps all modes. Default: 94 kHz for
+        the paper's rig (`contact.reduced.default_cutoff`), and a higher one around the onset
+        (`transient.fast.onset`). A structure from matrices keeps the modes that take part in impacts, independent
+        of its `fmax`; one from modes keeps all.
     step : float, optional
-        Time step, s. Default: 2e-8 for "paper"; what the contact needs for "fast" (1.8e-6 with the default rig; of
-        a structure in rigid contact also at most a hundredth of the duration, `transient.fast.run.default_step`);
-        for "exact" only the grid on which statistics are taken, 1e-6 times `time_scale`. "fast" refuses steps
-        above `ReducedModel.largest_step` (2.07e-6 s with the default rig), where changes of the contact's status
-        add energy: over 0.2 s of 60 random rigs below 4 % of the energy exchanged up to that step (median 0.5 %;
-        with the default step 0.2 %), but 70 % with a step 12 % longer. `summary["energy_residual"]` has the share.
+        Time step, s. Default: 2e-8 for "paper"; for "fast" a step that resolves the contact (1.8e-6 with the
+        default rig; for a structure in rigid contact at most a hundredth of the duration,
+        `transient.fast.run.default_step`); for "exact", where it is only the grid of the statistics, 1e-6 times
+        `time_scale`. "fast" refuses steps above `ReducedModel.largest_step` (2.07e-6 s with the default rig),
+        because changes of the contact status add energy. Over 0.2 s of 60 random rigs they add less than 4 % of
+        the exchanged energy up to that step (median 0.5 %; with the default step 0.2 %), but 70 % with a step 12 %
+        longer. `summary["energy_residual"]` is this share.
     min_stick : float, optional
-        Shortest long stick, s. Default: a fifth of the time in which the drive at V loads a stuck contact until it
-        slips, statically: it depends on the scene alone, not on the start of the run.
+        Shortest duration of a long stick, s. Default: a fifth of the loading time, the static time in which the
+        drive loads a stuck contact until it slips, which depends on the scene alone.
     record : bool or sequence of str
         Series to keep: all, or some of `velocity_B`, `normal_force`, `tangential_force`, `slip_velocity`, `state`.
     sample_rate : float, optional
-        Sampling rate of the series, Hz: at the times k / sample_rate, linear between two steps, with the state of
-        the step before. Where a whole number of steps fits between two samples, as with the default, they are
-        every so many steps without interpolation, at those steps' own times. None: every step. Where a run goes
-        on, they are linear from the last step before, if that run was recorded at such a rate. Default: 100 kHz,
-        of a structure divided by `time_scale`.
+        Sampling rate of the series, Hz. Values at the times k / sample_rate are interpolated linearly between two
+        steps, with the state of the earlier step. If the sampling interval is a whole number of steps, as with the
+        default, samples are taken at the steps themselves without interpolation. None: every step. A continued run
+        interpolates from the last step of the previous run, if that was recorded at such a rate. Default: 100 kHz,
+        for a structure divided by `time_scale`.
     sample_times : array_like, (n,), optional
-        Ascending times of the series instead, s: linear between two steps of the method, with the state of the
-        step before; beyond the first and the last step their values.
+        Ascending times of the series, s, in place of `sample_rate`. Values are interpolated linearly between
+        steps, with the state of the earlier step, and constant before the first and after the last step.
     end_early : bool
-        For "fast": fill in the rest of the run where steady sliding is proved to last
-        (`transient.fast.steady`), which changes figures by some 1e-9 of their size.
+        For "fast": complete the run with steady sliding once that is proved to last (`transient.fast.steady`).
+        This changes results by about 1e-9 of their size.
     skip_sticks : bool
-        For "fast": skip the quiet part of long sticks, known in closed form
-        (`transient.fast.skip`). The motion differs by rounding, which chaos amplifies; in a skip the normal force
-        enters its maximum every 20 microseconds.
+        For "fast": skip the quiet part of long sticks, which is known in closed form (`transient.fast.skip`). The
+        motion changes by rounding, which chaos amplifies. During a skip the maximum normal force is sampled every
+        20 microseconds.
     modify : callable, optional
-        For "fast" and "exact": a function that takes a `contact.reduced.ReducedModel` and returns a changed one,
-        to measure what a part of it is worth (`studies/accuracy/ablation.py`).
+        For "fast" and "exact": function that takes a `contact.reduced.ReducedModel` and returns a modified one,
+        for ablation studies (`studies/accuracy/ablation.py`).
     beta2 : float, optional
         For "paper" only, from 0.5 to 1, in place of `numerical_damping`. Default: 0.8, the paper's.
 
@@ -214,9 +217,9 @@ def options_of(options: Options | None, keywords: dict[str, Any]) -> Options:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunOptions(Options):
-    """Options of one run: checked for its scene, with defaults, and with `initial` normalised (F = 1).
+    """Options of one run, checked for its scene and completed with defaults; `initial` is normalised (F = 1).
 
-    Where the run ends when its shares are known, `duration` is the longest.
+    If the run ends by `until`, `duration` is its longest duration.
     """
 
     duration: float
@@ -227,12 +230,12 @@ class RunOptions(Options):
     sample_rate: float | None = DEFAULT_RATE
     sample_times: Array | None = None
     until: Until | None = None
-    # The run that goes on (`stepped.Run`), where `initial` is its end, and its last row.
+    # The run (`stepped.Run`) that this one continues from its end `initial`, and its last row.
     resumed: Any = None
     last_row: Array | None = None
 
     def __post_init__(self) -> None:
-        """Nothing is left to be checked."""
+        """Skip the checks, which `Options` has done."""
 
     @property
     def contact(self) -> int:
@@ -241,7 +244,7 @@ class RunOptions(Options):
 
     def record_of(self, scene: Normalised, fields: Any, record: Any = None, time: float = 0.0) -> Any:
         """A method's record (1,), by default a new one, with the counters at the start of a run at `time`, s."""
-        # A stick between two samples interrupts no vibration.
+        # A stick shorter than a sampling interval does not interrupt a vibration.
         least = max(LONG_STICK * loading_time(scene), INTERVAL * scene.rig.time_scale)
         least = least if self.min_stick is None else self.min_stick
         settling = SETTLING * scene.rig.time_scale

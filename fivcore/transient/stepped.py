@@ -1,4 +1,4 @@
-"""Base of all runs: a grid of steps and the record; of those of "exact" and "paper" also a segment's buffers."""
+"""Base class of all runs: step grid and record; for "exact" and "paper" also the buffers of a segment."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fivcore.transient.statistics import SAMPLE, Segment, count_in, first_counte
 
 
 def duplicate(run: Any) -> Any:
-    """A copy of a run with arrays of its own, which goes on alike."""
+    """A copy of a run with its own arrays, which continues identically."""
     other = copy(run)
     own = {name: deepcopy(part) for name, part in vars(run).items() if isinstance(part, (np.ndarray, tuple))}
     vars(other).update(own)
@@ -24,13 +24,13 @@ def duplicate(run: Any) -> Any:
 
 
 class Run:
-    """One run in progress, normalised (F = 1): `step`, `begun`, its start, s, and the `rate` of samples, Hz.
+    """One run in progress, normalised (F = 1), with `step`, s, start time `begun`, s, and sampling `rate`, Hz.
 
-    It ends after `steps`, and the next segment does not pass step `pause`. A method has a `model`, the one in use,
-    `stored_energy()` of modes, springs and load, `flush(floor)`, which sets what is below a floor to zero and says
-    whether all is finite, and `state()`. A segment of "exact" or "paper" has `length` steps and does not pass step
-    `_cut`; `_take(first, last, samples, rows, sticks)` goes through steps and fills the buffers, which are read at
-    `READ_AT` of a step.
+    The run ends after `steps` steps; the next segment does not pass step `pause`. Each method provides `model`
+    (the one in use), `stored_energy()` of modes, springs and load, `state()`, and `flush(floor)`, which sets
+    values below a floor to zero and returns whether all are finite. A segment of "exact" or "paper" has `length`
+    steps and does not pass step `_cut`; `_take(first, last, samples, rows, sticks)` takes the steps and fills the
+    buffers, whose values refer to the fraction `READ_AT` of a step.
     """
 
     READ_AT = 1.0
@@ -57,7 +57,7 @@ class Run:
 
     def __init__(self, scene: Normalised, options: RunOptions, step: float, length: float, fields: Any) -> None:
         self.scene, self.options, self.step = scene, options, step
-        # The run goes no further than to step `pause`, which may move.
+        # The run stops at step `pause`, which may be moved.
         self.pause = self.steps = max(round(options.duration / step), 1)
         self._length = max(int(length), 1)
         every = max(round(INTERVAL * scene.rig.time_scale / step), 1)
@@ -70,7 +70,7 @@ class Run:
 
     @property
     def models(self) -> list[tuple[float | None, ReducedModel]]:
-        """All models of the run, each with the cut-off asked for."""
+        """All models of the run, each with its requested cut-off."""
         return [(self.options.cutoff, self.model)]
 
     @property
@@ -94,7 +94,7 @@ class Run:
         return self.now * self.step
 
     def advance(self) -> None:
-        """Go on to the end of the next segment and leave its samples, rows and sticks in `segments`."""
+        """Advance to the end of the next segment and store its samples, rows and sticks in `segments`."""
         record, step, now = self.record, self.step, self.now
         last = min(now + self._length, self.pause, self._cut if now < self._cut else self.steps)
         every = int(record["sample_every"][0])

@@ -17,49 +17,57 @@ from fivcore.transient.stepped import Run
 def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
     """Return the figures of a run in the units of its scene; NaN where there is no value.
 
-    `sticks` (k, 2) are the long sticks that have ended. A figure with a unit of speed or force is F times its
-    normalised value, one multiplication: a copy of a scene has the same bits whether computed or scaled.
+    `sticks` (k, 2) are the long sticks that have ended. A speed or force is F times its normalised value, a single
+    multiplication, so that equivalent scenes have the same bits whether computed or scaled.
 
-    Times and frequencies that are named here are those of the beams; of a structure times are longer by
-    `time_scale`, frequencies lower: 5 kHz over its highest frequency, if that is lower, or its lowest, if higher.
+    Times and frequencies given below hold for the beams; for a structure times are multiplied and frequencies
+    divided by `time_scale`, which is 5 kHz divided by its highest frequency if that is lower, or by its lowest if
+    that is higher.
 
-    - `time_scale`: that factor; 1 for the beams.
+    - `time_scale`: this factor; 1 for the beams.
     - `stick_fraction`, `slip_fraction`, `separation_fraction`: share of the time after settling.
     - `dominant_frequency`, `stuck_frequency`: Hz, largest Welch peak of the velocity of B from 200 Hz to 10 kHz
-      outside and within long sticks (windows of 20 ms, Hann). Where most of the time in long sticks is in some no
-      longer than a period, they are a part of each cycle, and the former is that of the whole signal. Steady
-      sliding has no dominant frequency and so no periodicity.
+      outside and within long sticks (Hann windows of 20 ms). If most of the time in long sticks belongs to sticks
+      no longer than a period, they are part of each cycle, and `dominant_frequency` refers to the whole signal.
+      Steady sliding has neither dominant frequency nor periodicity.
     - `periodicity`: autocorrelation of the velocity of B after 20 periods of the dominant frequency, the
       largest within half a period of there.
     - `velocity_rms`: of the velocity of B about its mean, m/s.
     - `mean_normal_force`, `max_normal_force`, `normal_force_999`: N; the last is the 99.9 % quantile.
     - `max_slip_speed`, `slip_speed_999`: m/s, of the surfaces' relative tangential speed, in contact or not.
-    - `switches_per_second`: contact transitions of the model at its step. Most are shorter than the contact's own
-      time, and their number grows with the cut-off and as the step falls (the paper's rig at 2 mm/s: 30 000 by
-      default, 35 000 at a 16th of the step, 52 000 at 400 kHz), unlike shares and RMS.
+    - `switches_per_second`: contact transitions of the discretised model. Unlike shares and RMS, their number
+    depends
+      on the discretisation, because most statuses are shorter than the period of the contact oscillation: for the
+      paper's rig at 2 mm/s it is 30 000 by default, 35 000 at a 16th of the step and 52 000 at a cut-off of 400
+      kHz.
     - `first_slip_time`, `first_separation_time`: s since the drive started; the latter is the first N = 0.
     - `stick_times`, `stick_starts`: s, duration and start of the long sticks (`min_stick`) begun after first slip
       and ended within the run; `mean_stick_time`: their mean; `censored_sticks`: number of those that go on
       at its end.
     - `regime`: see `regime_of`.
-    - `energy_residual`: |work in - stored - damped - friction - impact| over the sum of their magnitudes or, if it
-      is larger, over a thousandth of what the load stores at rest, P2's kinetic energy at V and what an initial
-      state has beyond rest (`normalised.reference_energy`). That of "paper" has its own damping and its impacts,
-      which are booked nowhere.
-    - `cutoff`: Hz, highest frequency of a mode; that of all modes for "paper". `cutoff_error`: expected error of
-      the shares of time by the default cut-off; 0 where the contact sticks or slides steadily, NaN for another.
-      Of a structure from modes NaN, too, and `cutoff_origin` is "highest mode": what others would do is unknown.
-    - `simulated_time`: s; `settled_early`: whether its rest was filled in as proved steady sliding.
-    - With several contacts separation is that no contact is closed, slip that one slips, and stick all else; N is
-      the sum of their forces, the slip speed that of the fastest. Of the contacts that the load closes at rest,
-      `any_open_fraction` is the share of time with one of them open, `all_stick_fraction` that with all of them in
-      stick and no other in slip. `contact_X`, (c,), is X of each: the three shares, `mean_normal_force`,
-      `max_normal_force`, `max_slip_speed` and `switches_per_second`. `unsolved_steps`: of the run, those whose
-      contact forces have not converged.
+    - `energy_residual`: |work in - stored - damped - friction - impact| divided by the sum of their magnitudes or,
+    if
+      larger, by a reference (`normalised.reference_energy`): a thousandth of the energy that the load stores at
+      rest, plus the kinetic energy of P2 at V and the energy of an initial state relative to rest. For "paper" the
+      residual includes numerical damping and impact losses, which that method does not account for.
+    - `cutoff`: Hz, cut-off frequency; for "paper" the highest frequency of all modes. `cutoff_error`: expected
+    error of
+      the shares of time due to the default cut-off; 0 if the contact sticks or slides steadily, NaN for another
+      cut-off. For a structure from modes it is NaN and `cutoff_origin` is "highest mode", because the effect of
+      higher modes is unknown.
+    - `simulated_time`: s; `settled_early`: whether the rest of the run was filled with proved steady sliding.
+    - With several contacts, separation means that no contact is closed, slip that at least one slips, and stick
+    all
+      else; N is the sum of the forces, the slip speed that of the fastest contact. For the contacts that the load
+      closes at rest, `any_open_fraction` is the share of time with at least one of them open, `all_stick_fraction`
+      that with all of them in stick and no other contact in slip. `contact_X`, (c,), is X of each contact: the
+      three shares, `mean_normal_force`, `max_normal_force`, `max_slip_speed` and `switches_per_second`.
+      `unsolved_steps` is the number of steps whose contact forces did not converge.
     - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`observe.standard_errors`). In
-      "stuck" and "steady sliding" 0 for shares, which are constant, and NaN for all else, for a decay has no
-      long-run value. NaN where statistics last for less than 16 times the time in which the drive loads a stuck
-      contact until it slips; for `mean_stick_time` with fewer than 12 sticks.
+    the
+      regimes "stuck" and "steady sliding" it is 0 for shares, which are constant, and NaN for all else, because a
+      decay has no long-run value. It is NaN if statistics last for less than 16 loading times, and for
+      `mean_stick_time` with fewer than 12 sticks.
     """
     scene, F, begun, end = run.scene, run.scene.load, run.begun, run.steps * run.step
     duration = end - begun
@@ -74,10 +82,10 @@ def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
     rms, spread = observer.rms, observer.spread(begun + 0.75 * duration)
     quiet = not rms > 1e-9 * scene.speed_per_load
     long = np.vstack([sticks, [counted["stick_start"], end]]) if censored else sticks
-    # Spectra of a run that never slips are those of a stick.
+    # The whole of a run that never slips counts as a stick.
     observer.sticks = long if slipped else np.array([[0.0, np.inf]])
     whole = observer.correlation.peak() if len(long) else float("nan")
-    # Sticks that last no longer than a period are a part of the vibration.
+    # Sticks no longer than a period are part of the vibration.
     cycle = long[:, 1] - long[:, 0] <= 1.0 / whole
     counted_sticks = np.maximum(long[:, 1] - np.maximum(long[:, 0], start), 0.0)
     filled, within, long = float(counted_sticks[~cycle].sum()), counted_sticks[cycle].sum(), long[~cycle]
@@ -96,7 +104,7 @@ def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
         periodicity=periodicity,
     )
     if regime == "steady sliding":
-        # The decay at the start of the statistics has a largest peak, but nothing vibrates any more.
+        # The initial decay has a spectral peak, but there is no vibration any more.
         dominant = periodicity = float("nan")
     lengths, unit = sticks[:, 1] - sticks[:, 0], scene.rig.time_scale
     degrees = degrees_of_freedom((end - start) / unit, loading_time(scene) / unit)
@@ -106,7 +114,7 @@ def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
         errors |= {f"{state}_fraction": 0.0 for state in states}
     released, work, *lost = run.released_energy(), *(counted[name] for name in ENERGIES)
     exchanged = max(float(np.abs([work, released, *lost]).sum()), reference_energy(scene, run.options.initial))
-    # The largest standard error of a share over one second says how seldom the motion changes its kind.
+    # The largest standard error of a share over one second measures how rarely the kind of motion changes.
     unsteady = max(errors[f"{state}_fraction"] for state in states) * np.sqrt(max(end - start, 0.0) / unit)
     cutoff, origin = run.options.cutoff, "given"
     if run.options.method == "paper":
@@ -151,10 +159,11 @@ def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
     return figures | {f"{name}_se": F * error if name in scaled else error for name, error in errors.items()}
 
 
-# Error of a share by the default cut-off: of all vibrations, and per standard error of the share over a second. Of
-# 104 random scenes 74 % have the error so expected within a factor of 2 or two standard errors.
+# Error of a share due to the default cut-off: constant part, and part per standard error of the share over a
+# second. In 74 % of 104 random scenes the error agrees with this estimate within a factor of 2 or two standard
+# errors.
 CUTOFF_ERROR, UNSTEADY = 0.0085, 0.65
-# The former of structures (`python -m tests.benchmarks constants`).
+# The constant part for structures (`python -m tests.benchmarks constants`).
 OWN_CUTOFF_ERROR = 0.012
 
 
@@ -177,7 +186,8 @@ def regime_of(
 ) -> str:
     """Decide the regime, in this order.
 
-    - "undecided": no slip, and the clamp has moved less than 1.3 times what slips statically (`drive`); or the run
+    - "undecided": no slip, and the clamp has moved less than 1.3 times the static slip distance (`drive`); or the
+    run
       ended before it settled (`slip_share` is NaN).
     - "stuck": no slip, though the clamp has moved further.
     - "steady sliding": more than 99.9 % of the time after settling in slip (`slip_share`), and half the range of

@@ -5,16 +5,16 @@ One step is a Strang splitting of second order. In the middle of the step the ga
 step times the force. Then every mode moves freely and exactly over one step. Coordinates are deviations from the
 static equilibrium under the unit load, so the impulse carries N - 1.
 
-The free move of a step does not wait for the step's contact law: the modes are kept as they are without the last
-impulse, and the gaps get what it adds to them from three numbers. Modes that move the normal gap alone are moved
-before the law, the others after it, so the processor has work at any time while it solves the contact.
+The free move of a step does not wait for the contact law of that step: modes are stored without the last impulse,
+whose effect on the gaps follows from three numbers. Modes that move only the normal gap are advanced before the
+contact law and the others after it, so the processor has independent work while it solves the contact.
 
-In rigid contact of few modes steps are long beside the events. Where a contact status ends, the time between the
-last impulse and this one is divided linearly (`locate`), so that event times are of second order; the impulse also
-makes good the friction of the old status for too long or too short a time.
+In rigid contact with few modes, steps are long compared with the time between events. When a contact status ends,
+the time between the last impulse and this one is divided by linear interpolation (`locate`), so that event times
+are of second order; the impulse also corrects the friction that acted for too long or too short a time.
 
-Rows of a block of modes have a fixed distance, so the compiler knows that they do not overlap. Sums over modes may
-be reordered (`fivcore.jit.reordered`).
+Rows of a block of modes have a constant stride, so the compiler knows that they do not overlap. Sums over modes
+may be reordered (`fivcore.jit.reordered`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from fivcore.transient.fast import layout
 from fivcore.transient.fast.skip import skip
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, enter, first_counted
 
-# Unsigned numbers are no candidates for an index from the end.
+# Unsigned indices are not tested for counting from the end.
 _A, _B, _C, _D, _NORMAL, _TANGENTIAL, _Q, _V, _OUTPUT, _DAMPING = (
     np.uint64(row * layout.BLOCK) for row in range(layout.BLOCK_ROWS)
 )
@@ -74,7 +74,7 @@ def move_normal(x: Any, first: Any, count: Any, impulse_N: float) -> Any:
 
 @inlined
 def block(k: int, size: int) -> Any:
-    """Where block k begins, and how many of `size` places it has."""
+    """Start of block k, and how many of the `size` places it holds."""
     return np.uint64(k) * _BLOCK_SIZE, np.uint64(min(size - k * layout.BLOCK, layout.BLOCK))
 
 
@@ -91,7 +91,7 @@ def move_both(modes: Any, both: int, size: int, blocks: int, impulse_N: float, i
 
 @reordered
 def finish(x: Any, first: Any, count: Any, impulse_N: float, impulse_T: float) -> None:
-    """Add what the last impulse has done to a block of modes."""
+    """Add the effect of the last impulse to a block of modes."""
     for j in range(first, first + count):
         push = x[j + _NORMAL] * impulse_N + x[j + _TANGENTIAL] * impulse_T
         x[j + _Q] += x[j + _B] * push
@@ -100,7 +100,7 @@ def finish(x: Any, first: Any, count: Any, impulse_N: float, impulse_T: float) -
 
 @reordered
 def observe(x: Any, first: Any, count: Any, last_N: float, last_T: float) -> Any:
-    """Velocity of B and power that a block of modes loses, both before the impulse.
+    """Velocity of B and dissipated power of a block of modes, both before the impulse.
 
     The last two numbers are the change of the power, to first order, for unit impulses in N and T.
     """
@@ -124,10 +124,10 @@ def advance(
     """Take a scene to the end of its segment.
 
     `scenes` (1,) is its record of `layout.SCENE` and `modes` its blocks in a row. `samples` (any, SAMPLE),
-    `rows` (any, 6) and `sticks` (any, 2), begin and end, are written as in `statistics.Segment`; `tables` and
-    `work` are those of `skip.skip`. `law` is `Friction.law` where friction depends on the slip rate, else (): each
-    is compiled by itself. `tangent` is () or a small deviation that follows a motion without skips and without
-    rigid contact: its record (1,) of `layout.TANGENT` and its modes, like `modes`.
+    `rows` (any, 6) and `sticks` (any, 2), start and end, are written as in `statistics.Segment`; `tables` and
+    `work` are those of `skip.skip`. `law` is `Friction.law` if friction depends on the slip rate, otherwise ();
+    each is compiled separately. `tangent` is () or a small deviation that follows a motion without skips and
+    without rigid contact: its record (1,) of `layout.TANGENT` and its modes, as in `modes`.
     """
     scene = scenes[0]
     while scene.stopped == 0 and scene.now < scene.last:
@@ -150,7 +150,7 @@ def pause(scene: Any, now: int) -> int:
 
 @contracted
 def added(free: float, by_N: float, impulse_N: float, by_T: float, impulse_T: float) -> float:
-    """Gap or rate with the effect of the last impulse: a pause adds it in the same order, so it changes no bit."""
+    """Gap or rate with the effect of the last impulse, added in the same order as at a pause: no bit changes."""
     return free + (by_N * impulse_N + by_T * impulse_T)
 
 
@@ -172,14 +172,14 @@ def falling(scene: Any, law: Any, p: float, u: float, vN: float, vT: float, way:
 
 @called
 def holding(scene: Any, vN: float, vT: float) -> Any:
-    """N and T that keep a rigid contact at rest: they undo the change of the rates over the last free move."""
+    """N and T that hold a rigid contact: they cancel the change of the gap rates over the last free move."""
     law, less_N, less_T = scene.stick_law[np.uint64(STICK)], 0.5 * (vN - scene.after_N), 0.5 * (vT - scene.after_T)
     return law[2] * less_N + law[3] * less_T, law[6] * less_N + law[7] * less_T
 
 
 @called
 def going_on(scene: Any, law: Any, vN: float, vT: float, slip_rate: float) -> Any:
-    """Slip speed and N of a rigid contact that keeps slipping; negative: the speed passed zero."""
+    """Slip speed and N of a rigid contact that continues to slip; a negative speed has passed zero."""
     way = np.sign(scene.last_T)
     if len(law) > 0:
         speed, N, _, _ = falling(scene, law, 0.0, 0.0, vN, vT, way, slip_rate)
@@ -198,10 +198,11 @@ def crossing(before: float, after: float) -> float:
 
 @called
 def locate(scene: Any, law: Any, was: int, p: float, N: float, vN: float, vT: float, slip_rate: float) -> float:
-    """Share of the time from the last impulse to this one after which a rigid contact left the status `was`.
+    """Fraction of the time from the last impulse to this one after which a rigid contact left the status `was`.
 
-    By linear interpolation of what ends the status: the penetration; in stick N, or mu N - |T| of the holding
-    forces, which are known midway between impulses; in slip N, or the speed if slip continues from `slip_rate`.
+    The quantity whose zero ends the status is interpolated linearly: the penetration in separation; in stick N, or
+    mu N - |T| of the holding forces, which are known midway between impulses; in slip N or the slip speed, which
+    starts at `slip_rate`.
     """
     if was == SEPARATION:
         return crossing(scene.last_p, p)
@@ -210,7 +211,7 @@ def locate(scene: Any, law: Any, was: int, p: float, N: float, vN: float, vT: fl
     if was == STICK:
         hold_N, hold_T = holding(scene, vN, vT)
         left, before = scene.mu * hold_N - abs(hold_T), scene.last_left
-        # T of a step may be off by half its change in a step, which ends stick one too early or too late.
+        # T may be wrong by half its change per step, so that stick ends one step too early or too late.
         return min(max(before / (before - left) - 0.5, -0.5), 1.5) if before > left else 1.0
     speed, N = going_on(scene, law, vN, vT, slip_rate)
     return min(crossing(scene.last_N, N), crossing(-np.sign(scene.last_T) * slip_rate, speed))
@@ -220,10 +221,10 @@ def locate(scene: Any, law: Any, was: int, p: float, N: float, vN: float, vT: fl
 def respond(
     scene: Any, d: Any, law: Any, was: int, contact: int, met: bool, slip_rate: float, N: float, T: float
 ) -> None:  # fmt: skip
-    """Take a deviation `d` through the contact law of a step, by the branch of the motion.
+    """Linearised contact law of a step for a deviation `d`, on the branch that the motion takes.
 
-    `was` and `contact` are the contact's status before and after, `met` says whether the surfaces met; slip rate,
-    N and T are those of the motion.
+    `was` and `contact` are the contact statuses before and after, `met` is true at a touchdown; slip rate, N and T
+    are those of the motion.
     """
     maps, s, M = scene.stick_law[np.uint64(was)], scene.slip, scene.M
     by_q, by_v = scene.after_q, scene.after_v
@@ -242,7 +243,7 @@ def respond(
         d.u_N, d.u_T = p, u if was == STICK else u - shift
         d.anchor = gT + d.u_T
     elif contact == SLIP:
-        # T = m N; where m depends on the slip speed, by the derivative of that speed's equation (`falling`).
+        # T = m N; if m depends on the slip speed, with the derivative of the equation for the speed (`falling`).
         m, dm = T / N, 0.0
         inverse, alpha = 1.0 / (s[2] - s[3] * m), s[0] * p + s[1] * vN
         if len(law) > 0:

@@ -12,51 +12,51 @@ BLOCK = 48
 (A, B, C, D, NORMAL, TANGENTIAL, Q, V, OUTPUT, DAMPING) = range(10)
 BLOCK_ROWS = 10
 BLOCK_SIZE = BLOCK * BLOCK_ROWS
-# A step that does not come.
+# A step number that is never reached.
 NEVER = 1 << 60
-# Samples of stick before a skip is tried, and intervals between samples that one covers at most. A skip ends at
-# multiples of the latter, so that what is asked for beside a run's motion cannot change the motion.
+# Samples of stick before a skip is attempted, and largest number of sampling intervals in a skip. Skips end at
+# multiples of the latter, so that recording and other observation cannot change the motion.
 MIN_SAMPLES, MAX_SKIP = 48, 1024
-# Rows of a record that are handed over at once, about.
+# Approximate number of rows of a record that are handed over at once.
 MOST_ROWS = 10_000
 
 _ARRAYS = {
-    # N and T of stick from (p, u_T, v_N, v_T), and how long before the middle of a step slip begins, s; after
-    # separation, stick and slip (`fivcore.contact.law.DiscreteContact.stick`).
+    # For the previous status separation, stick and slip: matrix from (p, u_T, v_N, v_T) to N and T of stick, and
+    # time between the start of slip and the middle of the step, s (`fivcore.contact.law.DiscreteContact.stick`).
     "stick_law": (3, 9),
     # `fivcore.contact.law.SlipMap`.
     "slip": (10,),
-    # What a force adds to the mean rates of the gaps; spring; dashpot, with C_TT in slip last: NN, NT, TT.
+    # NN, NT and TT of the mean gap rates for unit forces, the spring, and the dashpot; C_TT in slip comes last.
     "M": (3,),
     "K": (3,),
     "C": (4,),
     # Gaps and their rates a step after unit impulses: NN, NT, TT.
     "after_q": (3,),
     "after_v": (3,),
-    # Velocity of B for half an impulse; power that the modes lose with the rates of half an impulse: NN, NT, TT.
+    # Velocity of B for half an impulse; power dissipated by the modal rates of half an impulse: NN, NT, TT.
     "output": (2,),
     "damped_by": (3,),
 }
 _NUMBERS = [
-    # Coefficient of friction: static; in slip, where it is constant, and at which slip ends.
+    # Coefficients of friction: static; kinetic, if constant in slip, which also ends slip.
     "mu kinetic",
-    # Step, drive of the clamp; |T| / N above which a segment ends where a sample is taken; the last slip rate.
+    # Step and drive of the clamp; |T| / N above which a segment ends at a sample; the last slip rate.
     "step speed ramp acceleration threshold slip_rate",
-    # For a rigid contact: rates of the gaps after the last impulse, and at it penetration, N, T and, in stick,
-    # what was left of mu N - |T|; whether the contact was closed at the last two, 1 or 0; NaN: unknown.
+    # Rigid contact: gap rates after the last impulse; penetration, N, T and, in stick, mu N - |T| at that impulse;
+    # 1 if the contact was closed at the last two impulses, otherwise 0; NaN: unknown.
     RIGID := "after_N after_T last_p last_N last_T last_left lasting",
-    # Gaps and their rates by the modes before the impulse; penetration and g_T at rest, the latter with inertia of
-    # the base; u; g_T + u_T when stick began.
+    # Modal gaps and gap rates before the impulse; penetration and g_T at rest, the latter including the inertia of
+    # the base; u; g_T + u_T at the start of stick.
     "g_N g_T v_N v_T p_rest T_rest u_N u_T anchor",
 ]
 _COUNTS = [
-    # Contact state, present step, end of the segment; the next sample, row of the record, sample of the
-    # dissipation and try of a skip; the step from which statistics count.
+    # Contact state, present step, end of the segment; steps of the next sample, row, dissipation sample and skip
+    # attempt; first step of the statistics.
     "contact now last next_sample next_row next_energy next_skip settle sample_every row_every energy_every",
-    # Whether the contact is rigid, the first separation ends the segment, the segment has ended early.
+    # Flags: rigid contact; the first separation ends the segment; the segment ended early.
     "rigid until_open stopped",
-    # Places for modes and their blocks; of the first block those that may move both gaps, and those after them
-    # that move the normal gap alone; whether there are tables of the skip; how many samples and rows there are.
+    # Numbers of places for modes and of blocks; in the first block, of places that move both gaps and of those
+    # after them that move only the normal gap; flag for skip tables; numbers of samples and rows written.
     "modes blocks both others may_skip samples rows",
 ]
 SCENE = np.dtype([

@@ -1,13 +1,13 @@
 """A finer model for the onset of vibration, and the transfer of a run's state to it and back.
 
-The first separation follows a growth that lives partly above the cut-off (with the paper's rig at 54 to 145 kHz),
-and the first burst begins with what has grown there. Unless a cut-off is given, the run therefore uses a finer
-model from `LEAD` before the first slip to `AFTER` after the first separation: `HIGHER` times the cut-off and
-1 / `FINER` of the step. Where sliding is stable in the run's own model it does not: the motion begins to vibrate
-at the friction at which that model loses its linear stability.
+The growth that leads to the first separation lies partly above the cut-off (54 to 145 kHz with the paper's rig)
+and determines how the first burst begins. Unless a cut-off is given, a run therefore uses a finer model from
+`LEAD` before the first slip until `AFTER` after the first separation, with `HIGHER` times the cut-off and 1 /
+`FINER` of the step. The finer model is not used if sliding is stable in the run's own model, so that vibration
+begins at the friction at which that model loses its linear stability.
 
-A state is that at the start of a step, midway between two impulses, where a lasting force deflects the modes
-further than without impulses. Coordinates are deviations from the equilibrium under the unit load.
+States refer to the start of a step, midway between two impulses, where a constant force deflects the modes further
+than it would without impulses. Coordinates are deviations from the equilibrium under the unit load.
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import Options
 from fivcore.transient.statistics import SEPARATION
 
-# Phases of a run, in order: while the drive starts; until the contact is about to slip; with the finer model,
-# until contact opens and for a while after; the motion from then on.
+# Phases of a run in order: ramp of the drive; until shortly before slip; with the finer model until the contact
+# opens and for a while after; all later motion.
 RAMP, BEFORE_SLIP, CLOSED, OPENED, MOTION = range(5)
 
 FINER, HIGHER = 4, 4.0
-# Before the first slip, until what the change of model excites is gone; longest to separation; after it, s.
+# Time before the first slip, in which the transient of the model change decays; longest time to separation; time
+# after it, s.
 LEAD, LONGEST, AFTER = 3e-3, 21e-3, 3e-3
 
 
@@ -56,7 +57,7 @@ def conclude(run: Any) -> None:
 
 
 def _enter(run: Any, fine: Solver) -> None:
-    """Go on with more modes and finer steps."""
+    """Change to more modes and finer steps."""
     now, (q, v) = run.now, run.between(run.coarse)
     run.change_to(fine, prolong(run.coarse, fine, q, v, run.u), now * run.step)
     run.record["now"] = now * FINER
@@ -65,7 +66,7 @@ def _enter(run: Any, fine: Solver) -> None:
 
 
 def _leave(run: Any) -> None:
-    """Go on with the modes and steps of the run."""
+    """Return to the modes and steps of the run."""
     fine, now, touches = run.solver, run.now, bool(run.record["contact"] != SEPARATION)
     q, v = run.between(fine)
     run.change_to(run.coarse, restrict(fine, run.coarse, q, v, run.u, touches), now * run.step)
@@ -78,12 +79,12 @@ def finer_cutoff(rig: ContactModel) -> float:
 
 
 def finer_solver(scene: Normalised, step: float, options: Options) -> Solver | None:
-    """The finer solver; None where damping, a rigid contact or uniqueness of force or slip rule it out."""
-    # With more material damping, s, nothing grows above the cut-off.
+    """The finer solver, or None if damping, rigid contact or a lack of uniqueness rules it out."""
+    # With more material damping than this, s, nothing grows above the cut-off.
     if scene.rig.d2 > 1e-7:
         return None
     model = reduced_model(scene.rig, scene.theta, finer_cutoff(scene.rig))
-    # With every mode kept there is no u that `prolong` could find.
+    # Without truncated modes there is no u that `prolong` could determine.
     if not model.K.any():
         return None
     model, step, fall = modified(model, options.modify), step / FINER, -scene.mu * scene.friction.slope(0.0)
@@ -110,7 +111,7 @@ def prolong(few: Solver, many: Solver, q: Array, v: Array, u: Array) -> tuple[Ar
 
 
 def restrict(many: Solver, few: Solver, q: Array, v: Array, u: Array, touches: bool) -> tuple[Array, Array, Array]:
-    """Transfer them to the model with fewer modes; u takes over the gap of the lost modes."""
+    """Transfer the state to the model with fewer modes; u takes over the gaps of the omitted modes."""
     model, common = many.model, few.model.kept[many.model.kept]
     force = many.contact.stiffness @ u if touches else np.zeros(2)
     still = q - many.between_impulses(force)

@@ -28,9 +28,9 @@ from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import SEPARATION, STICK, Segment, count_in, first_counted, room_for_sticks
 from fivcore.transient.stepped import Run
 
-# Segments, s: where motion may settle, which is examined after each, and elsewhere.
+# Length of a segment, s: while steady sliding may begin, which is checked after each segment; and otherwise.
 SHORT_SEGMENT, LONG_SEGMENT = 0.04, 0.25
-# Their usual steps at most, and all that they may need, each with room in memory for a stick; so long is a record.
+# Usual largest number of steps in a segment; absolute limit, since each step may need memory for a stick.
 MOST_STEPS, MOST_ROOM = 1_000_000, 1e8
 # Share of a mode's energy, as a power of e, that may be lost between two samples of the dissipation.
 FAST_DECAY = 0.25
@@ -39,16 +39,16 @@ FAST_DECAY = 0.25
 class FastRun(Run):
     """One run in progress.
 
-    These change during a run: `record`, `blocks` and `tangent` (the motion), `shift` (the modes' equilibrium in an
-    accelerating frame), `solver` (the model in use), `phase` and `phase_end` (its last step at most); of a segment
-    `segment_end`, `length` (s) and `_fine_energy` (energy is counted in every step); `pause` and `steps` (where it
-    pauses and ends) and `may_settle`. A copy (`stepped.duplicate`) continues in the same way.
+    The following change during a run: `record`, `blocks` and `tangent` (the motion), `shift` (modal equilibrium in
+    the accelerating frame), `solver` (the present model), `phase` and `phase_end` (its last possible step);
+    `segment_end`, `length` (s) and `_fine_energy` (dissipation is summed in every step) of a segment; `pause` and
+    `steps` (where the run pauses and ends) and `may_settle`. A copy (`stepped.duplicate`) continues identically.
     """
 
     def __init__(self, scene: Normalised, options: RunOptions) -> None:
         self.model = model = modified(reduced_model(scene.rig, scene.theta, options.cutoff), options.modify)
         super().__init__(scene, options, checked_step(model, scene, options), 0.0, layout.SCENE)
-        # A ramp shorter than a step is none.
+        # A ramp shorter than a step is ignored.
         starts = options.initial is None or not options.initial.running
         self.ramp = options.ramp if starts and options.ramp >= self.step else 0.0
         law, distance = scene.friction, slip_distance(scene)
@@ -72,7 +72,7 @@ class FastRun(Run):
 
     @property
     def models(self) -> list[tuple[float | None, ReducedModel]]:
-        """The models of the run, each with the cut-off asked for."""
+        """The models of the run, each with its requested cut-off."""
         own, fine = [(self.options.cutoff, self.coarse.model)], vars(self).get("fine")
         return own + ([(onset.finer_cutoff(self.scene.rig), fine.model)] if fine else [])
 
@@ -83,7 +83,7 @@ class FastRun(Run):
 
     @cached_property
     def fine(self) -> Solver | None:
-        """Solver of the onset; None where there is none. Growth in the finer model alone starts no vibration."""
+        """Solver of the onset, or None if sliding is stable in the run's own model."""
         return onset.finer_solver(self.scene, self.step, self.options) if len(self.growing) else None
 
     def values(self, row: int) -> Array:
@@ -101,7 +101,7 @@ class FastRun(Run):
             u = residual_gaps(scene, model.kept, initial) if model.K.any() else np.zeros(2)
             if contact != SEPARATION:
                 u = solver.contact.flexibility @ (model.K @ u)
-        # Within the ramp coordinates are deviations from the equilibrium in the accelerating frame.
+        # During the ramp, coordinates are deviations from the equilibrium in the accelerating frame.
         self.shift = np.zeros(len(q))
         if initial is not None and initial.running:
             q += solver.between_impulses(solver.contact.stiffness @ u * (contact != SEPARATION))
@@ -119,7 +119,7 @@ class FastRun(Run):
         record["anchor"] = u[1] + model.tangential @ q + solver.at_rest[1]
         self.place(*moved(model, q - self.shift, v, 0.5 * self.step))
         if initial is not None and initial.running:
-            # Stick holds the surfaces where they are at the first impulse.
+            # Stick fixes the surfaces at their positions of the first impulse.
             u[1] -= 0.5 * self.step * (model.tangential @ v - scene.speed_per_load)
             drive = 0.5 * self.step * scene.speed_per_load
             record["anchor"] = u[1] + float(record["g_T"][0]) + solver.at_rest[1] - drive
@@ -141,7 +141,7 @@ class FastRun(Run):
         force = solver.contact.stiffness @ u if touches else np.zeros(2)
         q, v = self.between(solver)
         if touches and K.any():
-            # The law has u_N, and in stick u_T, in the middle of the last step.
+            # The contact law refers u_N, and in stick u_T, to the middle of the last step.
             drive = self.scene.speed_per_load * min(self.time / self.ramp if self.ramp else 1.0, 1.0)
             rates = self.model.shapes @ v - [0.0, drive]
             rates[1] *= self.record["contact"][0] == STICK
@@ -149,7 +149,7 @@ class FastRun(Run):
         return q + self.shift - solver.between_impulses(force), v, np.asarray(u)
 
     def _use(self, solver: Solver) -> None:
-        """Go on with a solver; the record keeps what belongs to the run."""
+        """Continue with another solver; the record keeps the fields that belong to the run."""
         old, self.record = self.record, solver.record.copy()
         for name in [name for name, _ in statistics.FIELDS] + ["contact", "u_N", "u_T", "anchor", "now"]:
             self.record[name] = old[name]
@@ -162,7 +162,7 @@ class FastRun(Run):
         record["settle"] = first_counted(record["settled_from"][0], solver.step, 0.5)
 
     def place(self, q: Array, v: Array) -> None:
-        """Put the modes where they are before an impulse."""
+        """Set the modal state before an impulse."""
         model, record = self.model, self.record
         put(self.blocks, self.places, layout.Q, q)
         put(self.blocks, self.places, layout.V, v)
@@ -189,7 +189,7 @@ class FastRun(Run):
         return float(self.record["now"][0]) * self.solver.step
 
     def advance(self) -> None:
-        """Go on to the end of the next segment and leave in `segments` what happened there."""
+        """Advance to the end of the next segment and store its results in `segments`."""
         phase, record = self.phase, self.record[0]
         begun, last = self._plan()
         onset.prepare(self)
@@ -221,7 +221,7 @@ class FastRun(Run):
         grid = layout.MAX_SKIP * every
         if now >= self.segment_end:
             self.segment_end = self._segment_end(now, grid)
-            # In the first segments a start that is no rest may decay within less than a sample.
+            # In the first segments, an initial state away from rest may decay within a sample.
             decay = float(self.coarse.model.damping.max()) * self.coarse.model.interval
             self._fine_energy = self.time < self.short and decay > FAST_DECAY
         last = self.segment_end
@@ -260,12 +260,12 @@ class FastRun(Run):
         return moved(solver.model, self.values(layout.Q), self.values(layout.V), -0.5 * solver.step)
 
     def change_to(self, solver: Solver, state: tuple[Array, Array, Array], t: float) -> None:
-        """Go on with another model and step from modes and u at time t, between two impulses."""
+        """Continue with another model and step from modal state and u at time t, between two impulses."""
         q, v, u = state
         self._use(solver)
         self.shift = np.zeros(len(q))
         self.place(*moved(solver.model, q, v, 0.5 * solver.step))
-        # A contact that sticks holds the surfaces at their place of the next impulse.
+        # Stick fixes the surfaces at their positions of the next impulse.
         drive = displacement(np.array(t + 0.5 * solver.step), self.scene.speed_per_load, self.ramp)
         shifted = float(self.record["g_T"][0]) + solver.at_rest[1] - float(drive)
         self.record["u_N"], self.record["u_T"], self.record["anchor"] = *u, u[1] + shifted
@@ -292,7 +292,7 @@ class FastRun(Run):
 
 
 def checked_step(model: ReducedModel, scene: Normalised, options: RunOptions) -> float:
-    """Step of a run, s, if steps so long are stable, so short not too many, and have a unique solution."""
+    """Step of a run, s, after checks of its stability, its length and the uniqueness of its contact force."""
     step = default_step(model, scene, options.duration) if options.step is None else options.step
     limit, what = model.largest_step, "the contact"
     if model.default_step < step <= limit and not stable(model, scene.mu, step):
@@ -323,8 +323,8 @@ def least_step(model: ReducedModel, duration: float) -> float:
 def default_step(model: ReducedModel, scene: Normalised, duration: float) -> float:
     """Step of a run, s; a rigid contact, whose step follows the modes alone, may need a shorter one.
 
-    It is at most a hundredth of the duration, and a quarter of the time V / (mu N / m) in which friction takes the
-    contact's mass along, or where that is very short, 1e-4 of what the modes need.
+    It is at most a hundredth of the duration and a quarter of the time V / (mu N / m) in which friction
+    accelerates the contact mass to V; if that is very short, 1e-4 of the step that the modes need.
     """
     step = model.default_step
     if model.K.any() or isinstance(scene.rig, Rig):
@@ -335,7 +335,7 @@ def default_step(model: ReducedModel, scene: Normalised, duration: float) -> flo
 
 
 def check_falling(model: ReducedModel, scene: Normalised, step: float) -> None:
-    """Raise where friction falls so steeply that under the load slip is not unique in a step."""
+    """Raise an error if friction falls so steeply that the slip rate of a step under the load is not unique."""
     fall = -scene.mu * scene.friction.slope(0.0)
     if not fall or fall < (most := model.discrete(step).slip.steepest_fall(scene.mu)):
         return
@@ -358,7 +358,7 @@ def ramp_work(run: Any, q: Array) -> float:
 
 
 def stopped(run: Any, end: int, before_q: Array, before_v: Array) -> tuple[Array, Array]:
-    """End a run's acceleration after `end` steps; what it adds to the modes, given as half a step before."""
+    """End the ramp after `end` steps; return the change of the modal state, which is given half a step earlier."""
     push = run.model.inertia * run.scene.speed_per_load / run.ramp * (run.ramp - end * run.step)
     q, v = moved(run.model, run.shift, push, 0.5 * run.step)
     run.record["work"] += ramp_work(run, before_q + run.shift)

@@ -1,8 +1,8 @@
-"""Runs of `method="fast"` with several contacts: the same splitting, and in each step one problem for all of them.
+"""Runs of `method="fast"` with several contacts: the same splitting, with one coupled contact problem per step.
 
-A scene's own state is separation where no contact is closed, slip where one slips, else stick. N and T are the
-sums over all contacts, the slip rate is the largest. What belongs to each contact is in further columns of `rows`,
-and in `counters`.
+The overall state is separation if no contact is closed, slip if one slips, and stick otherwise. N and T are the
+sums over all contacts, the slip rate is the largest. Values of each contact are in further columns of `rows` and
+in `counters`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import FIELDS, SEPARATION, SLIP, STICK, first_counted
 from fivcore.transient.stepped import Run
 
-# Steps of a segment; share of steps without a solution that is an error; contacts above which runs are slow.
+# Steps of a segment; share of unsolved steps that raises an error; number of contacts that triggers a warning.
 SEGMENT, MOST_UNSOLVED, MANY = 20_000, 1e-3, 20
 _COUNTS = "contact now last settle sample_every row_every energy_every look_every samples rows"
 SCENE = np.dtype([
@@ -38,7 +38,7 @@ SCENE = np.dtype([
 
 
 class SeveralRun(Run):
-    """One run in progress; `counts`: Newton steps, factorisations, lost pivots, Gauss-Seidel, unsolved steps."""
+    """One run; `counts` holds Newton steps, factorisations, lost pivots, Gauss-Seidel steps and unsolved steps."""
 
     READ_AT = 0.5
 
@@ -84,7 +84,7 @@ class SeveralRun(Run):
         first, rates = moved(model, q - self.shift, v, 0.5 * step)
         anchor = u[c:] + model.tangential @ q + law.at_rest[c:]
         if runs:
-            # Stick holds the surfaces where they are at the first impulse.
+            # Stick fixes the surfaces at their positions of the first impulse.
             u[c:] -= 0.5 * step * (model.tangential @ rates - speed) * model.K.any()
             anchor = u[c:] + model.tangential @ first + law.at_rest[c:] - 0.5 * step * speed
         matrix = law.matrix[np.append(np.full(c, STICK), status), np.arange(2 * c)]
@@ -101,7 +101,7 @@ class SeveralRun(Run):
         self.record["contact"] = status_of_all(status)
 
     def _place_shift(self) -> None:
-        """Let gaps at rest be those of the accelerating frame."""
+        """Set the gaps at rest to those in the accelerating frame."""
         at_rest = rest_gaps(self.model, self.step) + np.repeat([-1.0, 1.0], len(self.motion.slip)) * (
             self.model.shapes @ self.shift
         )
@@ -137,7 +137,7 @@ class SeveralRun(Run):
         self._place_shift()
 
     def _between(self, force: Array) -> Array:
-        """How much further steady contact forces in impulses deflect the modes, midway between two of them."""
+        """Additional modal deflection midway between two impulses under constant contact forces."""
         return between_impulses(self.model.stiffness, self.step) * (self.model.shapes.T @ (force - self.law.rest))
 
     def state(self) -> tuple[Array, Array, Array]:
@@ -201,10 +201,10 @@ class SeveralRun(Run):
 
 
 def rest_gaps(model: ReducedModel, step: float) -> Array:
-    """Penetration and tangential gaps at rest in steps, (2c,), m per N of load."""
+    """Penetrations and tangential gaps at rest at the impulses, (2c,), m per N of load."""
     c = len(model.normal)
     gaps = model.shapes @ model.static_equilibrium + model.load_gap + np.append(model.gap, np.zeros(c))
-    # The load is applied in impulses too, so the gap at rest has the same defect.
+    # The load also acts in impulses, so the gap at rest has the same defect.
     missed = model.discrete(step).defect @ np.append(model.forces, np.zeros(c))
     return np.repeat([-1.0, 1.0], c) * (gaps - missed)
 
@@ -251,7 +251,7 @@ def checked_step(model: ReducedModel, scene: Normalised, options: RunOptions) ->
             )
         raise not_unique(scene.mu, most)
     if c > MANY:
-        # 20 chattering contacts take 6 microseconds a step.
+        # 20 chattering contacts take 6 microseconds per step.
         text = f"{c} contacts: some {8e-10 * c**3 / step:.2g} s of computation for each simulated second"
         warn(f"{text}; fewer, or a lower cutoff, take less", stacklevel=2)
     return step

@@ -1,17 +1,17 @@
-"""Compiled steps of `method="fast"` for several contacts: impulses of all between exact moves of the modes.
+"""Compiled steps of `method="fast"` for several contacts: impulses of all contacts between exact free moves.
 
-The step is that of `fast.kernel`, with vectors. Forces f = (N, T), 2 c of them, and a status of each contact. With
-S the flexibility and M the mean rates of the gaps over an impulse, p the penetration before it, v the rates there
-and Q = S + a M, the law of a contact is
+The step is that of `fast.kernel` in vector form, with the 2 c forces f = (N, T) and a status for each contact.
+With the flexibility S, the mean rates M of the gaps during an impulse for unit forces, the penetration p and rates
+v before it, and Q = S + a M, the contact law is
 
     normal   (Q f)_N - (p - a v_N) >= 0, complementary to N >= 0                     a = tau
     stick    (Q f)_T = u_T - a v_T, u_T from the anchor where it stuck before        a by the status before
     slip     T = s m N while s ((Q f)_T - (u_T - a v_T)) <= 0, s the sign of T
 
 Newton's method on the statuses (Alart and Curnier, Comput. Methods Appl. Mech. Eng. 92, 1991, 353-375) solves it:
-the statuses select equations, whose factors are kept until one of them changes. Friction makes it cycle at times:
-then a few sweeps of projected Gauss-Seidel, contact by contact, give it other statuses. All pivots are positive
-where the forces are unique.
+the statuses select the equations, and their factors are kept until a status changes. With friction the method may
+cycle; then a few sweeps of projected Gauss-Seidel over the contacts provide other statuses. All pivots are
+positive if the forces are unique.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from fivcore.friction import slip_speed
 from fivcore.jit import Array, called, inlined, kernel, reordered
 from fivcore.transient.statistics import SEPARATION, SLIP, STICK, clear, count_step, enter, first_counted
 
-# Statuses: those of a record, and slip with T < 0.
+# Statuses: those of a record, and one more for slip with T < 0.
 DOWN = 3
-# Most steps of Newton's method; most sweeps of Gauss-Seidel, the change in units of the largest force at which
-# they end, and that above which a step counts as unsolved.
+# Largest number of Newton steps and of Gauss-Seidel sweeps; change relative to the largest force at which sweeps
+# end, and above which a step counts as unsolved.
 NEWTON, SWEEPS, SETTLED, UNSOLVED = 5, 100, 1e-12, 1e-7
-# Newton's method, and so often less one a few sweeps and again Newton's from the statuses that they found.
+# Newton's method is tried this often, from the second time on after a few sweeps that provide new statuses.
 ATTEMPTS, FEW = 12, 3
-# Least pivot; penetration of a contact that stays open.
+# Smallest pivot; penetration of a contact that stays open.
 LEAST_PIVOT, NEVER = 1e-14, -1e300
 # Columns of the counters of a contact.
 STICK_TIME, SLIP_TIME, OPEN_TIME, SUM_N, MAX_N, SWITCHES, MAX_SLIP = range(7)
@@ -83,7 +83,7 @@ class Motion(NamedTuple):
     status: Any
     was: Any
     counters: Array
-    # Q by the present statuses, and the factors of the selected equations, (2c, 2c).
+    # Q for the present statuses, and the factors of the selected equations, (2c, 2c).
     matrix: Array
     factors: Array
     # Work arrays: (2c,) each in rows, and (m,).
@@ -110,7 +110,7 @@ def multiply(matrix: Any, x: Any, y: Any) -> None:
 
 @inlined
 def after(i: int, count: int) -> Any:
-    """From i + 1 to count; unsigned numbers are no candidates for an index from the end."""
+    """Range from i + 1 to count, unsigned so that no index is tested for counting from the end."""
     return range(np.uint64(i + 1), np.uint64(count))
 
 
@@ -130,7 +130,7 @@ def see(gaps: Any, q: Any, v: Any, g: Any, r: Any) -> None:
 
 @reordered
 def kick(gaps: Any, impulse: Any, push: Any) -> None:
-    """Compute the modal impulse `push` of the contact impulses; most of the time open contacts have none."""
+    """Compute the modal impulse `push` of the contact impulses; open contacts have none and are skipped."""
     c = gaps.shape[0] // 2
     push[:] = 0.0
     for i in range(c):
@@ -161,10 +161,10 @@ def observe(output: Any, damping: Any, v: Any, push: Any) -> Any:
 
 @reordered
 def factor(matrix: Any, kinetic: Any, status: Any, factors: Any, mine: Any, slides: Any, share: Any) -> int:
-    """Set `factors` to those of the equations that statuses select; how many, or -1 if a pivot is not positive.
+    """Factorise the equations that the statuses select; return their number, or -1 if a pivot is not positive.
 
-    Unknown are N of what touches, with T = m N in slip, and T of what sticks: columns `mine`, and with the share m
-    `slides`. There is no pivoting; the inverse pivots are on the diagonal.
+    Unknowns are N of closed contacts (with T = m N in slip) and T of sticking ones: columns `mine`, and for slip
+    also columns `slides` times m. There is no pivoting; the inverse pivots are on the diagonal.
     """
     c, count = len(status), 0
     for i in range(c):
@@ -195,7 +195,7 @@ def factor(matrix: Any, kinetic: Any, status: Any, factors: Any, mine: Any, slid
 
 @reordered
 def solve(count: int, factors: Any, mine: Any, slides: Any, share: Any, b: Any, x: Any, f: Any) -> None:
-    """Set the forces to those that the factors give."""
+    """Solve for the forces with the factors."""
     for i in range(count):
         total = b[mine[i]]
         for j in range(i):
@@ -214,7 +214,7 @@ def solve(count: int, factors: Any, mine: Any, slides: Any, share: Any, b: Any, 
 
 @called
 def gauss_seidel(law: Any, motion: Any, b: Any, sweeps: int) -> float:
-    """Solve a step contact by contact from the present forces; the last change in units of the largest force."""
+    """Gauss-Seidel from the present forces; return the last change relative to the largest force."""
     A, f, was, status, slip, mu, kinetic = (
         motion.matrix, motion.force, motion.was, motion.status, motion.slip, law.mu, law.kinetic
     )  # fmt: skip
@@ -256,7 +256,7 @@ def newton(
     factors: Any, matrix: Any, b: Any, mu: Any, kinetic: Any, was: Any, status: Any, f: Any, x: Any, mine: Any,
     slides: Any, share: Any, count: int, counts: Any,
 ) -> int:  # fmt: skip
-    """Solve a step by its statuses; how many equations `factors` are of, or -1 if statuses do not settle."""
+    """Newton's method on the statuses; return the number of equations, or -1 if the statuses do not settle."""
     c = len(mu)
     for _ in range(NEWTON):
         counts[0] += 1
@@ -293,7 +293,7 @@ def take_steps(scenes: Any, law: Law, motion: Motion, counts: Any, samples: Any,
 
     `counts` are Newton steps, factorisations, pivots lost, steps by Gauss-Seidel, and unsolved ones.
     """
-    # Fields of tuples are read once: each reading counts references.
+    # Fields of tuples are read once, because each access counts references.
     (
         gaps, flow, output, damping, flexibility, delassus, by_status, unit, times,
         rest, at_rest, closed, mu, kinetic, falls, _, h, keep, _, rigid,

@@ -1,16 +1,16 @@
-"""Skip the quiet part of a stick, whose motion is known in closed form.
+"""Skip the quiet part of a stick phase, whose motion is known in closed form.
 
 While the contact sticks and the clamp moves at constant speed, a step of `transient.fast.kernel` is an affine map
-of x = (q, v), the same whatever mu, V and F: x' = M x + b + c k in the k-th step, because the clamp loads the
-contact evenly. So x is a line in k plus a sum of the eigenvectors of M, each multiplied by its eigenvalue z in a
-step. The outputs N, velocity of B, T and closing of the gap follow at any later step.
+of x = (q, v), x' = M x + b + c k in step k, and M is independent of mu, V and F. The solution x is linear in k
+plus a sum of eigenvectors of M, each multiplied by its eigenvalue z per step. The outputs N, velocity of B, T and
+closing of the gap at any later step follow directly.
 
-A skip evaluates the outputs where samples are due. Between two samples, m steps apart, no output is off the
-straight line between them by more than the sum over all eigenvectors of |amplitude| min(2, |m log z|^2 / 8). Where
-N, mu N - |T| and the closing stay above that bound, no step in between can end stick.
+A skip evaluates the outputs at the sampling times. Between two samples, m steps apart, an output deviates from
+linear interpolation by at most the sum over all eigenvectors of |amplitude| min(2, |m log z|^2 / 8). If N, mu N -
+|T| and the closing exceed that bound, no step in between can end stick.
 
-Damping and the dashpot lose a quadratic form of the amplitudes in each step. Geometric series in the products of
-two eigenvalues sum it over a skip, so the energy balance does not enter.
+The energy dissipated by damping and dashpot in a step is a quadratic form of the amplitudes. Its sum over a skip
+is a geometric series in products of two eigenvalues, so the energy balance remains independent of the skip.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from fivcore.transient.fast.onset import BEFORE_SLIP, MOTION
 from fivcore.transient.fast.solver import places_of
 from fivcore.transient.statistics import STICK
 
-# Largest error of the eigenvectors, and smallest |z|, by which outputs of the step before are divided.
+# Largest error of the eigenvectors; smallest |z|, which divides outputs of the previous step.
 ACCURATE, LEAST_EIGENVALUE = 1e-10, 1e-3
-# Eigenvalues and modes come in so many, that vector registers are full; empty places have zero amplitude.
+# Eigenvalues and modes are padded to a multiple of this, which fills vector registers; padding has zero amplitude.
 EIGHT = 8
 # Samples that are evaluated together.
 ROUND = 64
@@ -41,33 +41,33 @@ OUTPUTS = 4
 
 
 class SkipTables(NamedTuple):
-    """Matrices of a skip for one model, step and interval between samples, and vectors to work with.
+    """Matrices of a skip for one model, step and sampling interval, and work vectors.
 
-    There are c eigenvalues, one of each conjugate pair, and m places for modes; both with empty places. Real parts
-    of c numbers come first, then imaginary parts, negative in what amplitudes are multiplied with.
+    There are c eigenvalues, one of each conjugate pair, and m places for modes, both padded. Of c complex numbers
+    the real parts are stored first, then the imaginary parts, which are negated in factors of amplitudes.
     """
 
-    # Over the eigenvalues: outputs (4, 2 c); penetration and u_T one step earlier (2, 2 c); what N and T sum up to
-    # over all steps to come and the loss together with each of (p, u, 1, V), (6, 2 c); log z, (2 c,).
+    # For each eigenvalue: outputs (4, 2 c); penetration and u_T one step earlier (2, 2 c); sums of N and T over
+    # all later steps and the loss by products with each of (p, u, 1, V), (6, 2 c); log z, (2 c,).
     outputs: Array
     earlier: Array
     sums: Array
     logarithm: Array
-    # Bounds of N, T and the closing, (6, c): off a straight line between two samples; off the line at any time.
+    # Bounds of N, T and the closing, (6, c): deviation from interpolation between samples; deviation at any time.
     moduli: Array
     # Powers of z at ROUND samples, (ROUND, 2 c).
     powers: Array
-    # Loss over all steps to come as a quadratic form of the amplitudes, (2 c, 2 c).
+    # Loss over all later steps as a quadratic form of the amplitudes, (2 c, 2 c).
     form: Array
-    # Beside the eigenvectors all is linear in (p, u, 1, V), where p and u are penetration and u_T with the modes
-    # at rest. Columns: the line's start for each of the four, its slope for a unit of V. Rows: the outputs,
-    # penetration and u_T, (6, 5); and the loss in a step as a quadratic form of the four, (4, 5).
+    # The rest of the motion is linear in (p, u, 1, V), where p and u are penetration and u_T with the modes at
+    # rest. Columns: initial value of the linear part for each of the four, and its slope for unit V. Rows: the
+    # outputs, penetration and u_T, (6, 5); and the loss per step as a quadratic form of the four, (4, 5).
     affine: Array
     losses: Array
     # Amplitudes of the eigenvectors in x, (2 c, 2 m), and the x of amplitudes, (2 m, 2 c).
     into: Array
     back: Array
-    # The line in x, (2 m, 5), and the gaps of x with their rates, (4, 2 m).
+    # The linear part of x, (2 m, 5), and the gaps of x with their rates, (4, 2 m).
     drift: Array
     shapes: Array
     # Index of each mode's displacement in the flat array of all blocks, (n,).
@@ -84,8 +84,8 @@ NO_TABLES = SkipTables(**_EMPTY | {"logarithm": np.zeros(0), "numbers": np.zeros
 def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTables:
     """Tables of a skip, `sample_every` steps between samples; NO_TABLES where stick has no decaying eigenvectors.
 
-    They are the same whatever mu, V and F. In rigid contact there are none: forces alone do not tell stick and
-    its end apart.
+    They are independent of mu, V and F. There are none for rigid contact, where the end of stick does not follow
+    from the forces alone.
     """
     if not model.K.any():
         return NO_TABLES
@@ -93,7 +93,7 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     stick, dissipation, mobility = step_map(model, step), model.dissipation(contact), contact.delassus
     try:
         z, vectors, into, error = eigenvectors(stick)
-        # What a steady force makes of x, and what one that grows by as much in each step leaves behind.
+        # Response of x to a constant force, and its lag under a force that grows linearly.
         still = np.eye(2 * size) - stick.matrix
         steady = np.linalg.solve(still, stick.impulse)
         behind = np.linalg.solve(still, steady)
@@ -102,7 +102,7 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
         return NO_TABLES
     if not error < ACCURATE or not np.abs(z).max() < 1.0 or not np.abs(z).min() > LEAST_EIGENVALUE:
         return NO_TABLES
-    # One of each conjugate pair, counted twice; empty places have no amplitude.
+    # One of each conjugate pair, counted twice; padding has no amplitude.
     kept = np.flatnonzero(z.imag >= 0.0)
     empty = ((0, -len(kept) % EIGHT), (0, 0))
     into = np.pad(into[kept], empty)
@@ -128,7 +128,7 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
     net[0, count + 2] -= 1.0
     B = model.output @ (x[size:] + 0.5 * step * gaps.T @ net)
     outputs = np.stack([N, B, T, seen[0] - contact.slip.decay * earlier[0]])
-    # Rates in the middle of the impulse, weighted so that the sum of their squares is what a step loses.
+    # Rates in the middle of the impulse, weighted so that their sum of squares is the loss of a step.
     rates = np.sqrt(step) * np.vstack([
         np.sqrt(model.damping)[:, None] * (x[size:] + 0.5 * step * gaps.T @ net),
         dashpot @ (seen[2:] + mobility @ force),
@@ -182,7 +182,7 @@ def skip_tables(model: ReducedModel, step: float, sample_every: int) -> SkipTabl
 
 
 def prepare(run: Any) -> SkipTables:
-    """Let the next segment skip quiet stick, if it is the run's own model that moves at constant drive."""
+    """Allow skips in the next segment if the run uses its own model and the drive is at constant speed."""
     record, tables = run.record, NO_TABLES
     moves = run.phase in (BEFORE_SLIP, MOTION) and run.now * run.step >= run.ramp
     if moves and run.options.skip_sticks:
@@ -225,13 +225,13 @@ def rotate(factors: Any, vector: Any, out: Any) -> None:
 
 @called
 def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any) -> None:
-    """Take a scene from a sample to the last one before which stick cannot have ended, if that is farther.
+    """Advance a scene to the last sample before which stick cannot have ended, if there is one.
 
     The scene is a record of `layout.SCENE`; `modes`, `samples` and `rows` are those of
     `transient.fast.kernel.advance`, `tables` are `SkipTables`, and `work` is a workspace of `workspace_for`.
     """
     every, now = scene.sample_every, scene.now
-    # No skip crosses a multiple of this, where segments begin and end: the motion is independent of them.
+    # No skip crosses a multiple of this, where segments begin and end, so the motion is independent of segments.
     most = layout.MAX_SKIP * every
     last = min((now // most + 1) * most, scene.last)
     if scene.settle > now:
@@ -243,7 +243,7 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
     x, y, initial, other, sums, result, weights, starts, slopes, sampled = work
     twice, half = len(y), len(x) // 2
     step, speed = scene.step, scene.speed
-    # A first slip that is waited for comes with a share of mu N.
+    # The wait for the first slip ends at a share of mu N.
     mu = min(scene.threshold, scene.mu)
     weights[:] = 0.0
     weights[4] = speed
@@ -251,7 +251,7 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
     weights[0], weights[2], weights[3], weights[4] = scene.p_rest, 1.0, speed, 0.0
     weights[1] = scene.anchor - scene.T_rest + speed * ((now + 0.5) * step - 0.5 * scene.ramp)
     multiply(affine, weights, starts)
-    # x less its line, and the amplitudes of the eigenvectors in it.
+    # x without its linear part, and the amplitudes of its eigenvectors.
     multiply(tables.drift, weights, x)
     for j in range(len(tables.numbers)):
         k = tables.numbers[j]
@@ -261,13 +261,13 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
     rotate(powers[0], initial, y)
     goal, far, largest, total = now, ROUND - 1, 0.0, 0.0
     while far == ROUND - 1:
-        # Amplitudes only shrink: what bounds them here does so at all samples to come.
+        # Amplitudes only decay, so a bound at this sample holds at all later ones.
         for k in range(twice // 2):
             other[k] = np.sqrt(y[k] ** 2 + y[twice // 2 + k] ** 2)
         multiply(moduli, other, result)
         off_N, off_F, off_C = result[0], mu * result[0] + result[1], result[2]
         all_N, all_F, all_C = result[3], mu * result[3] + result[4], result[5]
-        # Where the lines stay away from the limits by more than all amplitudes, T and closing are not needed.
+        # If the linear parts stay away from the limits by more than all amplitudes, T and closing are not needed.
         certain = True
         for past in (goal - now, goal - now + (ROUND - 1) * every):
             N, T, C = starts[0] + slopes[0] * past, starts[2] + slopes[2] * past, starts[3] + slopes[3] * past
@@ -348,6 +348,6 @@ def skip(scene: Any, modes: Any, samples: Any, rows: Any, tables: Any, work: Any
         scene.rows += 1
         scene.next_row += scene.row_every
     scene.now = scene.next_sample = scene.next_energy = scene.next_skip = goal
-    # Go on at once where a segment may end, so that it changes nothing whether it does.
+    # Continue at once where a segment may end, so that the motion does not depend on whether it ends.
     if goal % most != 0:
         scene.next_skip += layout.MIN_SAMPLES * every

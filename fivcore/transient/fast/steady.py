@@ -1,11 +1,11 @@
-"""Steady-state certificate: a proof that slip never ends and converges to steady sliding, by which a run ends.
+"""Steady-state certificate: proof that slip continues forever and converges to steady sliding, so a run may end.
 
 A step in slip maps x = (q, v, u_T) to M x + b (`fivcore.contact.step_map`), with the fixed point x*. With computed
 eigenvalues z and eigenvectors X of M, y = X^-1 (x - x*) becomes diag(z) y + E y, E = X^-1 (M X - X diag(z)). Let
-rho be the largest |z| and e the maximum norm of E. Where rho + e < 1 the largest |y_j| never grows, and no |y_j|
-exceeds its present value by more than e / (1 - rho) times the largest. A reading R x then stays within
-sum_j |R X|_j times that bound of its steady value. Slip goes on while N > 0, the contact is closed and the forces
-that stick would need have T > mu N and T > 0: four readings.
+rho be the largest |z| and e the maximum norm of E. If rho + e < 1, max_j |y_j| never grows, and no |y_j| exceeds
+its present value by more than e / (1 - rho) times this maximum. An output R x therefore differs from its steady
+value by at most sum_j |R X|_j times that bound. Slip continues as long as N > 0, the contact is closed, and the
+forces that stick would require satisfy T > mu N and T > 0. These conditions are four outputs.
 """
 
 from __future__ import annotations
@@ -27,29 +27,30 @@ from fivcore.transient.fast.onset import RAMP
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.statistics import SLIP, Segment
 
-# A run ends where N, in units of F, and speeds, in units of V, stay so close to steady sliding: nine decades below
-# what could end slip. Rounding (1e-16 a step, over at most 1 / LEAST_DECAY steps) is therefore left out. With the
-# paper's rig at V / F below some 1e-5 m/s/N it exceeds the tolerance; such a run takes every step.
+# A run ends when N / F and all speeds / V are certain to stay this close to steady sliding, nine decades below
+# what could end slip. Rounding (1e-16 per step, over at most 1 / LEAST_DECAY steps) is therefore neglected. With
+# the paper's rig at V / F below about 1e-5 m/s/N rounding exceeds the tolerance, and a run takes every step.
 STEADY_TOLERANCE = 1e-9
-# Variation of the slip rate (units of V) below which a proof is tried; the least that a mode must lose in a step.
+# Variation of the slip rate, in units of V, below which a proof is attempted; smallest decay of a mode per step.
 NEARLY_STEADY, LEAST_DECAY = 10.0 * STEADY_TOLERANCE, 1e-9
-# Readings: those of a record, penetration, and behind them T that stick would need and its excess over mu N.
+# Rows of the outputs: those of a record, penetration, then T required for stick and its excess over mu N.
 VELOCITY, NORMAL, TANGENTIAL, SLIP_RATE, PENETRATION = range(5)
 
 
 class SteadySliding:
-    """Steady sliding at constant drive with T = mu N; some milliseconds, or `numpy.linalg.LinAlgError`.
+    """Steady sliding at constant drive speed with T = mu N, computed in some milliseconds.
 
-    The model needs a residual flexibility: in rigid contact only rounding holds the gap. `eigenvalues` (2n + 1,),
-    log(z) / step in 1/s, are those of `fivcore.sliding_modes` for the kept modes and that of u_T;
-    `decays` says whether all of them decay, by more than their errors. `state` (2n + 1,) is x*.
+    The model needs a residual flexibility, because in rigid contact the gap is held by rounding alone.
+    `eigenvalues`, (2n + 1,), are log(z) / step in 1/s: those of `fivcore.sliding_modes` for the kept modes, and
+    one of u_T. `decays` states whether all decay by more than their errors. `state`, (2n + 1,), is x*. Raises
+    `numpy.linalg.LinAlgError` if the eigenvectors or the fixed point are not unique.
     """
 
     @one_blas_thread()
     def __init__(self, model: ReducedModel, mu: float, step: float) -> None:
         contact, n, b = model.discrete(step), model.normal, model.output
         M, slip = contact.delassus, step_map(model, step, mu)
-        # Two more columns: the unit load, whose share of the impulse comes first, and a unit of V.
+        # Two more columns: the unit load, whose impulse acts first, and a unit of V.
         load = [contact.defect[0, 0] - (n @ model.static_equilibrium + model.load_gap), 0.0, -M[0, 0], -M[1, 0]]
         p, u_T, _, rate_T = seen = np.column_stack([slip.seen, load, [0.0, 0.0, 0.0, -1.0]])
         (N, T, following), (stick_N, stick_T) = slip.law @ seen, contact.stick(contact.mean_time) @ seen
@@ -62,14 +63,14 @@ class SteadySliding:
         self.state = np.linalg.solve(np.eye(len(constant)) - slip.matrix, constant)
         z, X, self._inverse, error = eigenvectors(slip)
         self._weights = np.abs(self._rows[:, :-2] @ X)
-        # Without a dashpot u_T has no memory: a zero among the eigenvalues.
+        # Without a dashpot u_T has no memory, and one eigenvalue is zero.
         self.eigenvalues: Complex = np.asarray(np.log(z + np.finfo(float).tiny) / step, dtype=complex)
         decay = max(1.0 - float(np.abs(z).max()), LEAST_DECAY)
         self.decays, self._share = decay > max(LEAST_DECAY, 2.0 * error), error / decay
         self._left = contact.slip.decay
 
     def readings(self, speed: float) -> Array:
-        """Return the readings in steady sliding at V = `speed`."""
+        """Return the outputs in steady sliding at V = `speed`."""
         return np.asarray(self._rows @ np.append(self.state, [1.0, speed]))
 
     def start(self, speed: float) -> tuple[Array, Array, Array]:
@@ -79,17 +80,17 @@ class SteadySliding:
 
     @one_blas_thread()
     def bounds(self, x: Array) -> Array:
-        """Bound each reading's later distance from its steady value, if slip from `x` goes on and decays."""
+        """Bound the later deviation of each output from steady sliding, if slip continues from `x` and decays."""
         parts = np.abs(self._inverse @ (x - self.state))
         return np.asarray(self._weights @ (parts + self._share * parts.max()))
 
     def is_permanent(self, q: Array, v: Array, u: Array, speed: float) -> bool:
-        """Whether slip lasts from here on, within STEADY_TOLERANCE of steady sliding at V = `speed`.
+        """Whether slip continues forever, within STEADY_TOLERANCE of steady sliding at V = `speed`.
 
-        q and v, (n,), are those before an impulse in slip, u, (2,), is that after the last step.
+        q and v, (n,), are the modal state before an impulse in slip, u, (2,), is u after the last step.
         """
         bound, least = self.bounds(np.concatenate([q, v, u[1:]])), self.readings(speed)
-        # Contact opens where the penetration falls below what relaxation, the same for u_N and u_T, leaves of u_N.
+        # The contact opens when the penetration falls below the relaxed u_N; u_N and u_T relax alike.
         bound[PENETRATION] = (1.0 + self._left) * max(bound[PENETRATION], abs(u[0] - least[PENETRATION]))
         least[PENETRATION] *= 1.0 - self._left
         # In slip T is mu N.
@@ -120,7 +121,7 @@ def sliding_growth(scene: Normalised, model: ReducedModel, step: float) -> Array
 
 @lru_cache(maxsize=64)
 def steady_sliding(model: ReducedModel, mu: float, step: float) -> SteadySliding | None:
-    """Steady sliding; None where slip has no full set of eigenvectors, or no unique fixed point."""
+    """Steady sliding, or None if slip has no complete set of eigenvectors or no unique fixed point."""
     try:
         return SteadySliding(model, mu, step)
     except np.linalg.LinAlgError:
@@ -128,15 +129,14 @@ def steady_sliding(model: ReducedModel, mu: float, step: float) -> SteadySliding
 
 
 def conclude(run: Any, phase: int, segment: Segment) -> None:
-    """Fill in the rest of a run if nothing but steady sliding can follow; choose the next segment's length."""
+    """Complete a run if only steady sliding can follow; choose the length of the next segment."""
     speed, model, record = run.scene.speed_per_load, run.model, run.record
-    # Infinite where the contact does not slide. As many samples whatever the segment's length: a record cuts
-    # segments into several.
+    # Infinite if the contact does not slide. The number of samples is fixed, since recording divides segments.
     recent = segment.samples[-layout.MAX_SKIP // 4 :, 1]
     varies = float(np.ptp(recent)) if record["contact"][0] == SLIP and len(recent) > 1 else np.inf
     run.length = run.long if varies >= speed else run.short
     ended = phase == RAMP or record["stopped"][0] or record["now"][0] >= run.steps
-    # A proof is tried only where the motion looks steady.
+    # A proof is attempted only if the motion is nearly steady.
     if ended or not run.may_settle or varies > NEARLY_STEADY * speed:
         return
     steady = steady_sliding(model, run.kinetic, run.step)
@@ -146,7 +146,7 @@ def conclude(run: Any, phase: int, segment: Segment) -> None:
 
 
 def _fill(run: Any, steady: SteadySliding) -> Iterator[Segment]:
-    """Fill in steady sliding to the end of the run: all its steps count the same."""
+    """Fill the rest of the run with steady sliding, in which all steps are equal."""
     speed, model, record, every, step = run.scene.speed_per_load, run.model, run.record, run.sample_every, run.step
     if run.options.until is not None:
         least = (float(record["settled_from"][0]) + run.options.until.least) / step
