@@ -1,14 +1,15 @@
-"""Statics of several contacts: which of them a load closes is a linear complementarity problem.
+"""Statics of several contacts: a linear complementarity problem determines which of them a load closes.
 
-At rest, with T = 0, 0 <= N is complementary to gap + n q >= 0. The equilibrium is that of least energy, the point
-of a polyhedron next to another, which nonnegative least squares finds (Lawson and Hanson, Solving Least Squares
-Problems, 1974, chapter 23). Rigid motions are held by springs that the iteration moves along until they bear
-nothing (proximal point; Rockafellar, SIAM J. Control Optim. 14, 1976, 877-898). Then the contacts that were found
-are solved exactly.
+At rest with T = 0, Signorini's conditions are 0 <= N, gap + n q >= 0, and N (gap + n q) = 0. The equilibrium
+minimises the energy, a least-distance problem that nonnegative least squares solves (Lawson and Hanson, Solving
+Least Squares Problems, 1974, chapter 23). Rigid-body motions are supported by springs whose anchor points the
+iteration moves until the springs carry no force (proximal point algorithm; Rockafellar, SIAM J. Control Optim. 14,
+1976, 877-898). The equations of the contacts found closed are then solved exactly.
 
-In steady sliding T = mu N pushes, too. The problem is no longer symmetric, and may have no solution or several: up
-to ALL_SETS contacts all sets of closed ones are compared, beyond that contacts that pull are opened and those that
-overlap are closed, all at once and then one by one (Murty, Linear Algebra Appl. 7, 1974, 65-108).
+In steady sliding the friction forces T = mu N act as well. The problem is then not symmetric and may have no
+solution or several. Up to ALL_SETS contacts, all sets of closed contacts are compared; with more, contacts with
+negative force are opened and penetrating ones closed, all at once and then one by one (Murty, Linear Algebra Appl.
+7, 1974, 65-108).
 """
 
 from __future__ import annotations
@@ -22,14 +23,15 @@ from scipy.optimize import nnls
 from fivcore.errors import InputError
 from fivcore.jit import Array
 
-# Share of the largest force, and of the largest gap by a single force, that is rounding; most iterations.
+# Rounding relative to the largest force, and to the largest gap due to a single force; most iterations.
 ROUNDING, ITERATIONS = 1e-9, 500
-# Springs of rigid motions, in units of what the load needs to move them as far as all else.
+# Stiffness of the springs of rigid motions, relative to that at which they move as far as all else.
 SOFT = 1e-2
-# As many contacts are compared in all sets, and behind the search sets of so many closed ones. Springs of a trial
-# at contacts and at rigid motions, in units of the others'; share of forces and gaps of a trial that may be wrong.
+# Largest number of contacts for which all sets are compared; size of the sets that are compared after a search.
+# Compliance of trial springs at contacts and at rigid motions, in units of the others; tolerance of forces and
+# gaps of a trial.
 ALL_SETS, FEW, CONTACT_SPRING, RIGID_SPRING, TRIAL = 8, 4, 1e-12, 1e-8, 1e-6
-# A gap in steady sliding that is rounding, so that contacts in one place share their force.
+# Gap in steady sliding that counts as rounding, so that coincident contacts share their force.
 TOUCHING = 1e-12
 
 
@@ -61,7 +63,7 @@ class _Problem(NamedTuple):
         return _Problem(compliance, self.held[closed], self.pushed[closed], self.free[closed], self.moved)
 
     def size(self, forces: Array) -> Array:
-        """Size, (...), of what adds up to the gaps."""
+        """Magnitude, (...), of the terms that add up to the gaps."""
         opened = np.abs(np.abs(forces) @ self.compliance.T).max(axis=-1, initial=0.0)
         return np.asarray(np.abs(self.free).max() + opened)
 
@@ -80,18 +82,18 @@ def resting(stiffness: Array, normal: Array, load: Array, gap: Array) -> tuple[A
     stiffness, load : ndarray, (n,)
         Of the modes, rad2/s2, 0 for a rigid motion; modal forces, N kg^-1/2.
     normal, gap : ndarray, (c, n), (c,)
-        What the modes add to the gaps, kg^-1/2; initial gaps, m.
+        Gap shapes of the modes, kg^-1/2; initial gaps, m.
 
     Raises
     ------
     ValueError
-        Where the load moves the structure away, or turns it over the contacts.
+        If the load moves the structure away or tips it over the contacts.
     """
     rigid, problem = stiffness == 0.0, _problem(stiffness, normal, normal, load, gap)
     compliance, held, _, free, moved = problem
     if len(moved) and nnls(held.T, -moved)[1] > ROUNDING * np.abs(load).max():
         raise InputError("load: with it the structure moves away or turns over, and no contact forces hold it")
-    # So soft that the load moves a rigid body further than gaps and elastic modes are wide, but seen beside them.
+    # So soft that rigid displacements exceed gaps and elastic deflections, but do not hide them in rounding.
     wide = float(np.abs(free).max() + np.trace(compliance) * np.abs(load).max()) or 1.0
     unit = SOFT * float(np.abs(held).max(initial=0.0) * np.abs(moved).max(initial=0.0)) / wide or 1.0
     springs = np.where(rigid, unit, stiffness)
@@ -111,10 +113,10 @@ def resting(stiffness: Array, normal: Array, load: Array, gap: Array) -> tuple[A
 
 
 def sliding(stiffness: Array, normal: Array, push: Array, load: Array, gap: Array) -> list[tuple[Array, Array]]:
-    """All normal forces, N, and gaps, m, each (c,), that balance in steady sliding; none where the contacts jam.
+    """All equilibria of steady sliding as normal forces, N, and gaps, m, each (c,); none if the contacts jam.
 
-    Parameters as of `resting`, and `push`, (c, n), by which modes answer to normal forces and their friction.
-    Beyond ALL_SETS contacts at most one is found.
+    Parameters are those of `resting` and `push`, (c, n), the modal response to normal forces with their friction.
+    With more than ALL_SETS contacts at most one equilibrium is found.
     """
     problem, c, found = _problem(stiffness, normal, push, load, gap), len(gap), list[tuple[Array, Array]]()
     sets: Any = (np.arange(2**c)[:, None] >> np.arange(c)) % 2 == 1 if c <= ALL_SETS else _searched(problem)
@@ -125,14 +127,14 @@ def sliding(stiffness: Array, normal: Array, push: Array, load: Array, gap: Arra
     wrong = TRIAL * np.abs(forces).max(axis=1, keepdims=True), TRIAL * problem.size(forces)[:, None]
     for closed in sets[np.all((forces >= -wrong[0]) & (sets | (gaps >= -wrong[1])), axis=1)]:
         one = _settled(problem, closed, TOUCHING)
-        # Contacts that share a force in many ways are in balance in one.
+        # If contacts can share a force in many ways, one of these is an equilibrium.
         if one and not any(np.abs(one[1] - gaps).max() <= TRIAL * problem.size(one[0]) for _, gaps in found):
             found.append(one)
     return found[: None if c <= ALL_SETS else 1]
 
 
 def sliding_forces(stiffness: Array, normal: Array, push: Array, load: Array, gap: Array, closed: Any) -> Array:
-    """Normal forces, N, (c,), that keep these contacts closed in steady sliding, whether or not they pull."""
+    """Normal forces, N, (c,), that keep these contacts closed in steady sliding; they may be negative."""
     return _solved(_problem(stiffness, normal, push, load, gap), closed)[0]
 
 
@@ -148,30 +150,30 @@ def _trials(problem: _Problem, sets: Array) -> tuple[Array, Array]:
 
 
 def _searched(problem: _Problem) -> Array:
-    """Search for closed contacts, (1, c), of which none pulls while no open one overlaps; else the last trial."""
+    """Search for a set of closed contacts, (1, c), without tension or penetration; else return the last trial."""
     closed = np.ones((1, len(problem.free)), dtype=bool)
     for k in range(ITERATIONS):
         forces, gaps = _trials(problem, closed)
         wrong = np.where(closed, forces < 0.0, gaps < 0.0)
         if not wrong.any():
             break
-        # All at once may turn in circles.
+        # Changing all at once may cycle.
         closed = closed ^ (wrong if k < len(problem.free) else wrong & (wrong.cumsum() == 1))
     return closed
 
 
 def _settled(problem: _Problem, closed: Array, rounding: float = ROUNDING) -> tuple[Array, Array] | None:
-    """`_closed`, with all contacts that touch, up to a share of the gaps."""
+    """`_closed` with all touching contacts included, to a tolerance of the gaps."""
     found = _closed(problem, closed)
     if found is None:
         return None
-    # What touches without a force may share one.
+    # A contact that touches without force may share one.
     opened = np.abs(problem.compliance @ found[0]).max(initial=0.0)
     return _closed(problem, found[1] <= rounding * (np.abs(problem.free).max() + opened)) or found
 
 
 def _closed(problem: _Problem, closed: Array) -> tuple[Array, Array] | None:
-    """Forces and gaps with these contacts closed, if none of the former pulls and none of the latter overlaps."""
+    """Forces and gaps with these contacts closed, if no force is negative and no gap penetrates."""
     forces, gaps, balanced = _solved(problem, closed)
     if not balanced or forces.min(initial=0.0) < 0.0 or gaps.min() < -ROUNDING * problem.size(forces):
         return None
@@ -182,7 +184,7 @@ def _solved(problem: _Problem, closed: Array) -> tuple[Array, Array, bool]:
     """Forces and gaps with these contacts closed, and whether they balance the load."""
     part = problem.part(closed)
     scale, (system, right), forces = part.scale, part.system(), np.zeros(len(closed))
-    # Where contacts share a force in many ways, that with the least squares of all.
+    # If contacts can share a force in many ways, the least-squares solution.
     system, right = scale[:, None] * system * scale, scale * right
     solved = np.linalg.lstsq(system, right, rcond=1e-12)[0]
     balanced = np.abs(system @ solved - right).max(initial=0.0) <= ROUNDING * np.abs(right).max(initial=0.0)

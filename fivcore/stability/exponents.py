@@ -1,17 +1,18 @@
-"""All exponents of steady sliding in a band: a dense eigenproblem, and Newton steps.
+"""All exponents of steady sliding in a frequency band: dense eigenproblem and Newton refinement.
 
 With the contact closed, n q = 0, and T' = m N' + k d(g_T)/dt, the exponents phi are the roots of
 
     f(phi) = h_NN + m h_NT - k phi (h_NN h_TT - h_NT^2) = 0,    h_ab = sum_i a_i b_i / (p_i + c_i phi + phi^2)
 
-over the modes p, c, n, t of the structure with its contact open. m is the coefficient of friction at the speed of
-sliding, and k, N s/m, is 0 unless friction falls with the speed (`fivcore.stability.falling`). The modes inverted
-at a real shift are a diagonal with a change of rank one, or two with k, all of whose eigenvalues LAPACK finds: few
-far modes are enough there (`fivcore.contact.compression`). Newton steps on f with more of them give all digits.
+over the modes p, c, n, t of the structure with open contact. m is the coefficient of friction at the sliding
+speed, and k, N s/m, is 0 unless friction falls with the speed (`fivcore.stability.falling`). The inverse of the
+pencil at a real shift is a diagonal matrix with an update of rank one (two with k). LAPACK computes all its
+eigenvalues, with only a few compressed far modes (`fivcore.contact.compression`). Newton steps on f with more of
+them refine all digits.
 
-Without k and with Rayleigh damping f is a function of the undamped eigenvalue lambda (rad2/s2; section 3.4 of the
-paper), with phi^2 + (d1 + d2 lambda) phi + lambda = 0: p - lambda is in the place of p + c phi + phi^2, and the
-eigenproblem half as large.
+Without k and with Rayleigh damping, f is a function of the undamped eigenvalue lambda (rad2/s2; section 3.4 of the
+paper), with phi^2 + (d1 + d2 lambda) phi + lambda = 0: p - lambda replaces p + c phi + phi^2, and the eigenproblem
+has half the size.
 """
 
 from __future__ import annotations
@@ -31,16 +32,16 @@ from fivcore.structure import Structure
 
 # Exponents are listed up to |phi| = LARGEST_PHI; undamped eigenvalues up to LARGEST times the largest of the band.
 LARGEST_PHI, LARGEST = 2.0, 5.0
-# `FAR` and `BLOCKS` of the eigenproblem; how much more than what is listed its eigenvalues may be.
+# `FAR` and `BLOCKS` of the eigenproblem; range of its eigenvalues relative to that of the listed ones.
 COARSE_FAR, COARSE_BLOCKS, MARGIN = 9.0, 2, 1.02
-# Damping below FAINT is none. Of the real SHIFTS the one with f farthest from 0 is used. Newton steps may move a
-# root by at most FURTHEST of its magnitude.
+# Damping below FAINT counts as zero. Among the real SHIFTS the one with f farthest from 0 is used. Newton steps
+# may move a root by at most the fraction FURTHEST of its magnitude.
 FAINT, SHIFTS, FURTHEST = 1e-12, (1.3, 0.55, 2.4), 0.05
-# Roots closer than this share of them may be one.
+# Roots closer than this fraction of their magnitude may coincide.
 DISTINCT = 1e-7
-# Size up to which LAPACK has one thread anyway, so that threads of a sweep need not wait for each other.
+# Matrix size up to which LAPACK uses one thread anyway, so threads of a sweep need no lock.
 ONE_THREAD = 64
-# Where friction falls: STIFF d2 2 pi fmax is at most 1, unless there are few modes. Points solved together.
+# With falling friction STIFF * d2 * 2 pi fmax is at most 1, unless there are few modes. Points solved together.
 STIFF, CROWD = 5.0, 200
 POINTS_AT_ONCE = 256
 
@@ -56,7 +57,8 @@ class BandModes:
     largest : float
         The largest |lambda| on the imaginary axis of the band: 1 but for heavy damping.
     p, c, residues : ndarray, (n,) and (3, n)
-        Squared frequency, damping, and n n, n t and t t of all modes that move a gap, far ones compressed.
+        Squared frequency, damping, and products n n, n t and t t of all modes that move a gap; far modes
+        compressed.
     few : tuple of ndarray
         p, c, (k,), and n, t, (2, k), of fewer modes for the eigenproblem.
     uncoupled : ndarray, (any,)
@@ -82,13 +84,13 @@ def band_modes(own: Structure, fmax: float, falling: bool = False) -> BandModes:
     modal = own.rayleigh is None and own.damping.max() > FAINT * omega
     rayleigh = None if modal else (own.d1 / omega, own.d2 * omega)
     p, c, g = own.stiffness / omega**2, own.damping / omega, np.stack([own.normal, own.tangential]) / omega
-    # Static modes are compliance alone in any band.
+    # Static modes act by their compliance alone in any band.
     further = np.maximum(1.0 / (STATIC_NODE * p[len(own.frequency) :]), 1.0)
     p[len(own.frequency) :] *= further
     g[:, len(own.frequency) :] *= np.sqrt(further)
     largest = 1.0
     if rayleigh:
-        # They are damped as all others are.
+        # They are damped like all others.
         c = rayleigh[0] + rayleigh[1] * p
         largest = max(1.0, float(np.hypot(1.0, rayleigh[0]) / np.hypot(1.0, rayleigh[1])))
     order = np.lexsort((c, p))
@@ -96,22 +98,22 @@ def band_modes(own: Structure, fmax: float, falling: bool = False) -> BandModes:
     new = np.diff(p, prepend=-np.inf) > 4.0 * EPS * p
     new |= np.abs(np.diff(c, prepend=-np.inf)) > 4.0 * EPS * np.maximum(c, np.sqrt(p))
     for same in [] if new.all() else np.split(np.arange(len(p)), np.flatnonzero(new)[1:]):
-        # Of modes with one pole, two combinations move the gaps: one both, one the tangential gap alone.
+        # Of modes with a common pole, two combinations move the gaps: one both gaps, one the tangential gap only.
         if len(same) > 1:
             first = slice(None, None, 1 if g[0, same].any() else -1)
             turned = np.asarray(np.linalg.qr(g[first, same].T, mode="r")).T[first]
             g[:, same] = np.pad(turned, ((0, 0), (0, len(same) - 2)))
-    # A mode with a node at the contact keeps its exponents: its root is nearer to the pole than rounding.
+    # A mode with a node at the contact keeps its exponents, because its root equals the pole to rounding.
     compliance = (g[:, p > 0.0] ** 2 / p[p > 0.0]).sum(axis=1, keepdims=True)
     felt, moved = np.abs(g) * (np.abs(g) if falling else np.abs(g).max(axis=0)) > 1e-17 * compliance * p
     coupled = felt | (moved & falling)
     uncoupled = p[~coupled] if rayleigh and not falling else pair(p[~coupled], c[~coupled]).ravel()
     uncoupled = uncoupled[uncoupled.imag >= 0.0]
     p, c, g = p[coupled], c[coupled], np.ascontiguousarray(g[:, coupled])
-    # Squared distance from the band; that of an overdamped mode is that of its slower exponent.
+    # Squared distance from the band; for an overdamped mode that of its slower exponent.
     away = p / largest if rayleigh else np.abs(pair(p, c)[0]) ** 2
     if falling and own.d2 * omega * STIFF > 1.0:
-        # Exponents of stiff modes crowd at -1 / d2, near the band.
+        # Exponents of stiff modes accumulate at -1 / d2, near the band.
         if own.static or len(p) > CROWD:
             raise InputError(
                 f"d2 = {own.d2:g}: with friction that falls with the speed it must be at most"
@@ -206,13 +208,13 @@ def damped_inverse(m: Array, k: Array, p: Array, c: Array, n: Array, t: Array) -
 
 
 def eigenvalues(inverse: Array, shifts: Array) -> Complex:
-    """Those of matrices whose inverse at their shifts is given, (points, size); one without any is infinite."""
+    """Eigenvalues of matrices given by their inverses at the shifts, (points, size); infinite if there is none."""
     with one_blas_thread() if inverse.shape[1] > ONE_THREAD else nullcontext(), np.errstate(all="ignore"):
         return np.asarray(shifts[:, None] + 1.0 / np.linalg.eigvals(inverse).astype(complex))
 
 
 def exponents(modes: BandModes, m: Array, k: Array) -> Complex:
-    """All of the band, (points, any), with NaN: lambda where `rayleigh` is given, else phi with Im >= 0.
+    """All exponents of the band, (points, any), NaN-padded: lambda if `rayleigh` is given, else phi with Im >= 0.
 
     m and k, N s/m, are (points,). The last columns are `modes.uncoupled`.
     """
@@ -236,10 +238,10 @@ def exponents(modes: BandModes, m: Array, k: Array) -> Complex:
 
 
 def sliding_shape(own: Structure, phi: complex, uncoupled: bool, falling: bool = True) -> Complex:
-    """Modal coordinates of an exponent, (n,): contact forces leave the normal gap closed.
+    """Modal coordinates of an exponent, (n,), with contact forces that keep the normal gap closed.
 
-    An uncoupled mode moves alone; of some with one frequency, it is the combination that leaves the normal gap,
-    and with friction that falls the tangential one, closed.
+    An uncoupled mode moves alone. Of several modes with one frequency, the result is the combination that keeps
+    the normal gap, and with falling friction also the tangential gap, closed.
     """
     damping = own.damping + own.d2 * own.stiffness * (np.arange(len(own.stiffness)) >= len(own.frequency))
     n, t, distance = own.normal, own.tangential, own.stiffness + phi * (damping + phi)
@@ -257,7 +259,7 @@ def sliding_shape(own: Structure, phi: complex, uncoupled: bool, falling: bool =
     q[others] = (n * normal + t * tangential)[others] / distance[others]
     q[nearest] = n[nearest] * B - t[nearest] * A
     if not np.any(n * t):
-        # Without coupling of the gaps one force or the other is zero.
+        # Without coupling of the gaps one of the two forces is zero.
         alone = n if abs(tangential) <= 1e-6 * (n[nearest] ** 2 + abs(gap) * np.abs(a).sum()) else t
         q[others], q[nearest] = gap * alone[others] / distance[others], alone[nearest]
     return q
@@ -304,9 +306,9 @@ def newton_step(
 
 @kernel
 def refined(
-    start: complex, known: Complex, p: Array, c: Array, power: float, rows: Array, count: int, inverse: Complex
+    """A root by Newton steps with deflation of known roots and conjugates, and the length of the last step."""
 ) -> Any:
-    """A root by Newton steps, away from those known and their conjugates, and the length of the last step."""
+    """A root by Newton steps with deflation of known roots and their conjugates, and the length of the last step."""
     here, length, last = start, 0.0, np.inf
     for turn in range(30):
         step, crowd = newton_step(here, p, c, power, rows, count, inverse), 0j
@@ -316,7 +318,7 @@ def refined(
             crowd += 2.0 * away / square if square != 0.0 else 0.0
         step = step / (1.0 - step * crowd) if step * crowd != 1.0 else step
         length = abs(step)
-        # Near a double root f is rounding, and steps get no shorter, before they are too short to matter.
+        # Near a double root f is dominated by rounding, and steps stop shrinking.
         if turn > 3 and length >= last and length < 1e-4 * abs(here):
             break
         here -= step
@@ -328,10 +330,10 @@ def refined(
 
 @kernel
 def damped_starts(values: Complex, m: Array, k: Array, p: Array, c: Array, n: Array, t: Array) -> Any:
-    """Exponents of modes from their undamped eigenvalues, (points, any), and whether they are all, (points,).
+    """Exponents of modes from their undamped eigenvalues, (points, any), and whether all were found, (points,).
 
-    Newton steps start where damping and falling friction take an eigenvalue to first order. P of `newton_step` has
-    2 (size - 1) roots: as many that differ are all of them.
+    Newton steps start from the first-order effect of damping and falling friction on each eigenvalue. P of
+    `newton_step` has 2 (size - 1) roots, so that many distinct roots are all of them.
     """
     size, inverse, rows = len(p), np.empty(len(p), np.complex128), np.empty((4, len(p)))
     table, whole = np.full((len(m), 2 * size), complex(np.nan, np.nan)), np.zeros(len(m), np.bool_)
@@ -356,7 +358,7 @@ def damped_starts(values: Complex, m: Array, k: Array, p: Array, c: Array, n: Ar
                         start, table[point, :count], p, c, 1.0, rows, 4 if root > 0.0 else 1, inverse
                     )
                     phi, least = complex(phi.real, abs(phi.imag)), DISTINCT * abs(phi)
-                    # Far out P overflows, and steps end anywhere.
+                    # Far away P overflows, and steps are meaningless.
                     same = rest > least or 0.0 < phi.imag < least or not abs(phi) < 1e50
                     for i in range(count):
                         same |= abs(table[point, i] - phi) < least
@@ -373,10 +375,10 @@ def damped_starts(values: Complex, m: Array, k: Array, p: Array, c: Array, n: Ar
 def polished(
     starts: Complex, m: Array, k: Array, p: Array, c: Array, residues: Array, power: float, top: float
 ) -> Complex:
-    """Roots near `starts`, (points, any), to rounding by Newton steps; first those listed, then NaN.
+    """Roots near `starts`, (points, any), refined to rounding by Newton steps, and padded with NaN.
 
-    Listed are those with |z| up to `top` and Im(z) from 0 to 1, or without `power` all and their conjugates. A
-    root that would go far stays where it was.
+    Listed are roots with |z| up to `top` and Im(z) from 0 to 1, or without `power` all roots and their conjugates.
+    A root that Newton steps would move far keeps its start.
     """
     rows, inverse = np.empty((4, len(p))), np.empty(len(p), np.complex128)
     table = np.full(starts.shape, complex(np.nan, np.nan))
@@ -390,7 +392,7 @@ def polished(
                 continue
             here, _ = refined(start, table[0, :0], p, c, power, rows, 4 if root > 0.0 else 1, inverse)
             here = here if abs(here - start) <= FURTHEST * abs(start) + 1e-9 else start
-            # Growth that is rounding is none.
+            # Growth below rounding is set to zero.
             if power > 0.0 and abs(here.real) <= 16.0 * EPS * abs(here):
                 here = complex(0.0, here.imag)
             table[point, count] = here

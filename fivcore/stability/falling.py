@@ -34,7 +34,7 @@ def wedging(own: Structure) -> float:
 
 
 def sliding_point(own: Structure, friction: Friction, mu: float, V: float, F: float) -> tuple[float, float]:
-    """Friction m = mu(V) and k, N s/m, by which it falls; an `InputError` where the contact jams."""
+    """Friction m = mu(V) and its negative slope k, N s/m; an `InputError` if the contact jams."""
     m, held = mu * friction.ratio(V), 1.0 + wedging(own) * mu * friction.ratio(V)
     if not held > 0.0 and not friction.constant:
         raise InputError(
@@ -51,7 +51,7 @@ def falling_crossings(
     modes, f, (kappa, v_d, rational) = band_modes(own, fmax, True), wedging(own), friction.law
     mu, V, F = (values[each] for each in ("mu", "V", "F"))
     if name == "mu":
-        # Without damping every motion grows, to rounding, at any mu above 0.
+        # Without damping, rounding lets every motion grow at any mu above 0.
         r, s, low = friction.ratio(V), -friction.slope(V), max(low, 1e-11 * high)
         high = min(high, (1.0 - 1e-6) / (-f * r)) if f * r < 0.0 else high
         m0, m1, fall, power = 0.0, r, F * s, 1.0
@@ -103,9 +103,9 @@ class SlidingOnsets(ReadOnlyArrays):
 def sliding_onsets(scene: Scene, parameter: str, low: float, high: float, fmax: float = 10e3) -> SlidingOnsets:
     """Onsets and recoveries of steady sliding along the static friction, the speed or the load.
 
-    Those within the band, as for `flutter_onsets`: motions that grow without oscillation, or that enter the band
-    while they grow, have none. Where friction falls with the speed, the search along mu ends below `high` at the
-    friction at which the contact of a structure jams.
+    Onsets are those within the band, as for `flutter_onsets`: motions that grow without oscillation, or that enter
+    the band while growing, have none. If friction falls with the speed, the search along mu ends at the friction
+    at which the contact of a structure jams, if that is below `high`.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def sliding_onsets(scene: Scene, parameter: str, low: float, high: float, fmax: 
 
 
 def checked_sliding(friction: Friction, V: Any, F: Any) -> tuple[Array | None, Array | None]:
-    """Check speed and load, which friction that falls with the speed needs."""
+    """Check speed and load, which are required if friction falls with the speed."""
     checks.instance("friction", friction, Friction)
     if not friction.constant and (V is None or F is None):
         missing = "V" if V is None else "F"

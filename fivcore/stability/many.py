@@ -1,7 +1,7 @@
-"""Flutter onsets of one rig, or of many that differ in all parameters but the mesh: below a millisecond each.
+"""Flutter onsets of one rig, or of many with the same mesh, in less than a millisecond each.
 
-Modes come from `fivcore.beams.similar`, those far above the band compressed (`fivcore.contact.compression`), and
-roots from the search of `fivcore.stability.onsets`.
+The modes follow from `fivcore.beams.similar`, with modes far above the band compressed
+(`fivcore.contact.compression`), and the roots from the search of `fivcore.stability.onsets`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from fivcore.stability.sampled import coulomb_crossings
 from fivcore.stability.several import onsets_of_several
 from fivcore.structure import Structure, modal_structure
 
-# Rigs searched together, on which no result depends.
+# Number of rigs searched together; no result depends on it.
 RIGS_AT_ONCE = 256
 # Parameters of a beam, and of a rig with theta: the columns of `rig_table`.
 BEAM, OWN = tuple(BEAM_PARAMETERS)[:5], tuple(RIG_PARAMETERS)[:4]
@@ -52,8 +52,8 @@ class FlutterOnsets(ReadOnlyArrays):
         band's angular frequency.
     divergence_mu : float
         Least friction at which a motion grows without oscillation (divergence: the contact jams), at no more than
-        twice the band's angular frequency; NaN if that is above mu_max, and where friction falls with the speed,
-        for which it is not sought: `sliding_modes` tells what grows.
+        twice the band's angular frequency; NaN if that is above mu_max. It is not computed, and NaN, if friction
+        falls with the speed; `sliding_modes` then shows the growing modes.
     """
 
     mu: Array
@@ -72,8 +72,8 @@ class ManyFlutterOnsets(FlutterOnsets):
     ----------
     mu, frequency, recovery_mu, recovery_frequency, entry_mu : ndarray, (n, any)
     divergence_mu : ndarray, (n,)
-        As for `FlutterOnsets`. A flutter pair ceases to oscillate there, or a real eigenvalue enters from beyond
-        the band: none passes zero, where P1's rigid mode has a pole that friction does not change.
+        As for `FlutterOnsets`. At divergence a flutter pair ceases to oscillate, or a real eigenvalue enters from
+        beyond the band; no eigenvalue passes zero, where the rigid mode of P1 has a pole independent of friction.
     change_mu, change : ndarray, (n, any)
         Friction at which the number of growing eigenvalues in the band changes, and by how much: by 2 for a
         pair, by 1 for a real one.
@@ -88,7 +88,7 @@ class ManyFlutterOnsets(FlutterOnsets):
     def unstable(self, mu: Any) -> NDArray[np.bool_]:
         """(n, m): whether a motion grows in the band at friction mu, (m,) for all rigs or each rig's own, (n, m).
 
-        It does where `sliding_modes` has an unstable mode. A mu that is not from 0 to mu_max is a `ValueError`.
+        This is the case if `sliding_modes` has an unstable mode. Raises `ValueError` for mu outside 0 to mu_max.
         """
         limits = 0.0, self.mu_max, "a coefficient of friction up to mu_max"
         friction = checks.array("mu", mu, lambda each: checks.between("mu", each, *limits))
@@ -111,10 +111,10 @@ def flutter_onsets(
 ) -> FlutterOnsets:
     """All flutter onsets and recoveries of steady sliding (V > 0) in a band, refined to rounding.
 
-    Two onsets less than 1e-13 of the band apart are not reported. Those along V or F: `sliding_onsets`.
-    Where friction falls with the speed, none is sought at a friction at which the contact of a structure jams. Of
-    several contacts those are closed that friction leaves closed in steady sliding; where their set changes and
-    modes begin to grow, that is an onset, and where there is no unique steady sliding any more `divergence_mu`.
+    Two onsets closer than 1e-13 of the band are not reported. For onsets along V or F see `sliding_onsets`. If
+    friction falls with the speed, the search ends at the friction at which the contact of a structure jams. With
+    several contacts, those that are closed in steady sliding count; a change of their set at which modes begin to
+    grow is an onset, and `divergence_mu` is the friction at which steady sliding ceases to be unique.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def flutter_onsets_many(
     rig : Rig
         All rigs have its mesh, and its parameters where `numbers` names none.
     threads : int
-        On which no result depends.
+        Number of threads; no result depends on it.
 
     Returns
     -------
@@ -214,8 +214,9 @@ def _listed(found: Array, divergence: Array, fmax: float, mu_max: float) -> Many
 def crossings(table: Array, fmax: float, mu_max: float, rig: Rig, threads: int = 1) -> tuple[Array, Array]:
     """All crossings of rows of `rig_table`, (4, k), and divergence_mu of each row; arguments are not checked.
 
-    Row, ascending, friction, ascending in each, place, and change of the number of growing eigenvalues. The place
-    is the frequency in Hz, or beyond fmax on the rest of the path of `onsets`.
+    The rows of the result are the row number (ascending), the friction (ascending within a row), the place, and
+    the change of the number of growing eigenvalues. The place is the frequency in Hz, or beyond fmax a position on
+    the rest of the path of `onsets`.
     """
     workers = checks.count("threads", threads, 1024)
     beams = [unit_cantilever(beam.elements) for beam in (rig.p1, rig.p2)]
@@ -237,7 +238,7 @@ def crossings(table: Array, fmax: float, mu_max: float, rig: Rig, threads: int =
 
 
 def _padded(values: Array, rows: int) -> Array:
-    """Values (1 + k, n) whose first says the row, ascending, as k tables with NaN behind each row's values."""
+    """Arrange values (1 + k, n), whose first row is the ascending row number, as k NaN-padded tables."""
     row = values[0].astype(int)
     count = np.bincount(row, minlength=rows)
     tables = np.full((len(values) - 1, rows, count.max(initial=0)), np.nan)
@@ -246,7 +247,7 @@ def _padded(values: Array, rows: int) -> Array:
 
 
 def rig_table(numbers: Mapping[str, Any], rig: Rig) -> Array:
-    """Checked parameters of rigs, (n, PARAMETERS), those that are not named from `rig`."""
+    """Checked parameters of rigs, (n, PARAMETERS); parameters that are not named are those of `rig`."""
     checks.instance("numbers", numbers, Mapping)
     for name in numbers:
         checks.choice("a name in numbers", name, PARAMETERS)
@@ -265,7 +266,7 @@ def rig_table(numbers: Mapping[str, Any], rig: Rig) -> Array:
         raise InputError(f"numbers: rows of {sorted(lengths)} numbers: they must have one length")
     table = np.stack(np.broadcast_arrays(*given.values()), axis=1)
     if len(table):
-        # If a number is bad, then one that is not finite, the least or the largest of its kind, or this one.
+        # If any number is bad, then a non-finite one, the smallest or largest of its kind, or this one is.
         beyond = np.argmax(given["contact_position"] > given["p2_length"])
         for row in sorted({*np.argmin(table, axis=0), *np.argmax(table, axis=0), beyond}):
             _check(row, table[row].tolist(), rig)
@@ -286,7 +287,7 @@ def _check(row: int, values: list[Any], rig: Rig) -> None:
 
 @kernel
 def _search_rows(table: Array, unit: float, mu_max: float, upper: Any, lower: Any) -> tuple[Array, Array, int]:
-    """Crossings (k, 4): row, mu, place on the path, change; divergence_mu of the rows; one that failed, or -1."""
+    """Crossings (k, 4): row, mu, place, change; divergence_mu of the rows; a row that failed, or -1."""
     divergence = np.full(len(table), np.nan)
     found, brackets = np.empty((0, 4)), np.empty((MOST_INTERVALS, 3))
     for k in range(len(table)):
@@ -312,7 +313,7 @@ def contact_poles(row: Array, unit: float, limit: float, upper: Any, lower: Any)
     (mass1, along, across), (mass2, _, bending) = _scales(row[5:10]), _scales(row[10:15])
     modes = upper_modes(row[0], row[2] / mass1, along, across, upper[0], upper[2])
     deflections = lower_deflections(row[1] / row[10], lower[1])
-    # What is rounding beside the largest entry is no coupling, as in `beams.modes`.
+    # Entries that are rounding relative to the largest are no coupling, as in `beams.modes`.
     first = np.abs(modes[1]) > 1e-15 * np.abs(modes[1]).max()
     second = np.abs(deflections) > 1e-15 * np.abs(deflections).max()
     p = np.append(modes[0][first], bending * lower[0][0, len(deflections) // 2 :][second]) / unit**2

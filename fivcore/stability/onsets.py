@@ -21,7 +21,7 @@ from fivcore.beams.modes import EPS
 from fivcore.errors import UnsolvedError
 from fivcore.jit import Array, kernel
 
-# A search that needs more intervals than this has met a W that vanishes altogether; hundreds are usual.
+# Hundreds of intervals are usual; a search that needs more than this has met an identically vanishing W.
 MOST_INTERVALS = 100_000
 NONE, ONE, SPLIT = 0, 1, 2
 # Where the path reaches |phi| = 2, which is where `sliding_modes` ends, and phi = 2.
@@ -92,7 +92,7 @@ def classify_interval(
 ) -> tuple[int, float, float]:
     """NONE if no onset lies in (low, high), ONE if exactly one zero of W does, else SPLIT: it must be halved.
 
-    And W at both ends, NaN where it is not known; w is what is known of it at the lower.
+    Also returns W at both ends, NaN if unknown; w is its value at the lower end, if known.
     """
     middle, width = 0.5 * (low + high), high - low
     half = 0.5 * width
@@ -111,7 +111,7 @@ def classify_interval(
         if clear <= 0.0:
             return SPLIT, w, np.nan
         u = 1.0 / clear
-        # Not complex numbers times u, which would be products of complex numbers.
+        # Real and imaginary parts separately, since a complex product would cost more.
         of_a, of_b, square = abs(a[i]) * (shift * u * u), abs(b[i]) * (shift * u * u), u * u
         s2 += complex(of_a, of_b)
         s3 += complex(of_a * u, of_b * u)
@@ -119,7 +119,7 @@ def classify_interval(
     # Bounds on first and second derivatives of A + i B: whole (w), and of the parts divided by y (i).
     w1, w2, i1, i2 = l1 * s2, 2.0 * l1 * l1 * s3 + l2 * s2, 2.0 * l1 * s3, 6.0 * l1 * l1 * s4 + 2.0 * l2 * s3
     aw1, bw1, ai1, bi1 = w1.real, w1.imag, i1.real, i1.imag
-    # An onset outside (0, mu_max] is not wanted.
+    # Onsets outside (0, mu_max] are ignored.
     ra, rb = receptances(middle, n, p, a, b, d1, d2)
     size_a, size_b = np.hypot(ra.real, y * ra.imag), np.hypot(rb.real, y * rb.imag)
     product = ra.real * rb.real + y * y * ra.imag * rb.imag
@@ -169,7 +169,7 @@ def onset_root(low: float, high: float, n: int, p: Array, a: Array, b: Array, d1
     for _ in range(200):
         x = x0 + share * (x1 - x0)
         f = onset_function(x, n, p, a, b, d1, d2)
-        # x2 is the end that the new point replaces, x1 the one beyond the zero.
+        # x2 is the end that the new point replaces, x1 the end on the other side of the zero.
         x2, f2 = x0, f0
         if (f > 0.0) != (f0 > 0.0):
             x2, f2, x1, f1 = x1, f1, x0, f0
@@ -178,7 +178,7 @@ def onset_root(low: float, high: float, n: int, p: Array, a: Array, b: Array, d1
         least = 2.0 * EPS * best / abs(x1 - x0)
         if least > 0.5 or f == 0.0:
             break
-        # Inverse quadratic interpolation where it is monotone, else bisection.
+        # Inverse quadratic interpolation if it is monotone, otherwise bisection.
         xi, slope = (x0 - x1) / (x2 - x1), (f0 - f1) / (f2 - f1)
         share = 0.5
         if slope * slope < xi and (1.0 - slope) ** 2 < 1.0 - xi:
@@ -229,8 +229,8 @@ def _inverse_friction(log_phi: float, p: Array, c: Array, a: Array, b: Array) ->
 def divergence_onset(p: Array, c: Array, a: Array, b: Array, mu_max: float) -> float:
     """Least friction up to mu_max at which an exponent is real and grows, at most phi = 2; NaN without one.
 
-    For phi > 0 every term of A is positive, and has no resonance: 1 / mu = -B / A is smooth over log(phi), and its
-    largest value is the least friction.
+    For phi > 0 every term of A is positive and has no resonance, so 1 / mu = -B / A is a smooth function of
+    log(phi), and its largest value gives the smallest friction.
     """
     logs, values = np.linspace(np.log(FIRST), np.log(2.0), REAL), np.empty(REAL)
     for k in range(REAL):

@@ -1,12 +1,12 @@
 """Flutter onsets by sampling: modal damping, and friction that falls with the speed.
 
 On the path of `onsets` around the growing exponents of the band, the characteristic equation is one for a real
-unknown x, the friction or what it follows from, with complex coefficients (D-decomposition: Neimark, 1948). Its
-real and its imaginary part have a common root where a function W of the path is 0: for an equation of first order
-the sign of W is that of Im(x), for one of second order it is their resultant. W is sampled in steps that are a
-share of the distance from the nearest pole, and changes of its sign and minima between the samples are refined
-(Brent, Algorithms for Minimization without Derivatives, 1973). Between any two crossings the growing exponents are
-counted: where they are not those that the crossings make, the samples were too coarse.
+unknown x, from which the friction follows, with complex coefficients (D-decomposition: Neimark, 1948). Its real
+and imaginary parts have a common root where a function W of the path is 0: for an equation of first order W has
+the sign of Im(x), for one of second order it is the resultant. W is sampled in steps that are a fraction of the
+distance from the nearest pole, and sign changes and minima between samples are refined (Brent, Algorithms for
+Minimization without Derivatives, 1973). Between any two crossings the growing exponents are counted; if the number
+disagrees with the crossings, the samples were too coarse.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from fivcore.stability.exponents import LARGEST_PHI, BandModes, band_modes, expo
 from fivcore.stability.onsets import ARC, FIRST, MOST_INTERVALS, PATH_TOP, contour, endless, isolated_crossings
 from fivcore.structure import Structure
 
-# Steps of the samples, as shares of the distance from the nearest pole; the least step.
+# Sampling steps as fractions of the distance from the nearest pole; smallest step.
 STEPS, LEAST_STEP = (0.1, 0.04, 0.015, 0.005), 1e-9
-# The last place: on the real axis, at both ends of the path, W is 0.
+# The last place: W is 0 on the real axis, at both ends of the path.
 LAST = ARC - FIRST
 
 
@@ -82,7 +82,7 @@ def crossing_function(
 
 @kernel
 def sample(p: Array, c: Array, residues: Array, path: FrictionPath, poles: Complex, share: float) -> Array:
-    """Places on the path, W there, and the mode without whose pole it is, (k, 3)."""
+    """Places on the path, W there, and the mode whose pole is taken out, (k, 3)."""
     omega, count, samples = FIRST, 0, np.empty((4096, 3))
     while True:
         phi, nearest, least, away = contour(omega), 0, np.inf, np.inf
@@ -123,7 +123,7 @@ def sampled_crossings(
     value_of: Callable[[float], float] = float,
     friction_at: Callable[[float], tuple[float, float]] = lambda value: (value, 0.0),
 ) -> Array:  # fmt: skip
-    """All places where exponents enter or leave the growing ones of the band, (k, 3), ascending.
+    """All places where the number of growing exponents of the band changes, (k, 3), ascending.
 
     Value, from `low` to `high`, of the parameter; place on the path of `onsets`; change of the number of growing
     exponents. `value_of` is the parameter at x, falling for V alone, `friction_at` m and k, N s/m, at its value.
@@ -134,7 +134,7 @@ def sampled_crossings(
     way, poles = -1.0 if name == "V" else 1.0, pair(p, c)
 
     def candidates(phi: complex, n: int) -> list[tuple[float, complex, complex]]:
-        """Values, with the root x and the other one, from the most real root on."""
+        """Values with both roots x, the root closest to the real axis first."""
         each = np.array(quadratic(phi, n, *system))[::-1]
         roots = np.roots(each / max(np.abs(each).max(), 1e-300))
         roots = roots[np.argsort(np.abs(roots.imag / np.where(roots == 0.0, 1.0, roots)))]
@@ -145,7 +145,7 @@ def sampled_crossings(
     for share in STEPS:
         onsets: list[tuple[float, float, float]] = []
         samples = sample(*system, poles, share)
-        # Real exponents pass 0, where friction does not fall, and 2.
+        # Real exponents pass 0 (if friction does not fall) and 2.
         for x in (LARGEST_PHI,) if path.fall else (0.0, LARGEST_PHI):
             n = int(np.argmin(np.abs(p + x * (c + x))))
             for value, root, _ in candidates(complex(x), n):
@@ -182,7 +182,7 @@ def counts_agree(modes: BandModes, friction_at: Any, crossings: Array, low: floa
 
 
 def intervals(samples: Array, system: tuple[Array, Array, Array, FrictionPath]) -> list[tuple[float, float, int]]:
-    """Intervals in which W changes its sign, and the mode without whose pole it does."""
+    """Intervals in which W changes its sign, and the mode whose pole is taken out."""
     omega, W, mode = samples.T
     positive = W > 0.0
     flips = np.flatnonzero(positive[1:] != positive[:-1])

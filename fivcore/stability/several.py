@@ -1,24 +1,24 @@
-"""Stability of steady sliding with several contacts: exponents by a dense form, onsets by counting and following.
+"""Stability of steady sliding with several contacts: exponents from a dense eigenproblem, onsets by counting.
 
-Of the contacts that are closed in steady sliding (`statics.sliding`: friction tilts a body, so that they need not
-be those that the load closes at rest), c rows n and t, forces N' leave n q = 0, and T' = D N' + k t q', D the
-friction of each and k, N s/m, by how much it falls with the speed:
+Let c contacts with rows n and t be closed in steady sliding (`statics.sliding`; since friction tilts a body, they
+may differ from those that the load closes at rest). Perturbations N' of their normal forces enforce n q = 0, and
+T' = D N' + k t q', with the coefficients of friction D and their slopes k, N s/m, with falling speed:
 
     (p + c phi + phi^2) q = (n^T + t^T D) N' + phi t^T k t q,    n q = 0
 
-Inverted at a real shift this is a diagonal less a matrix of rank c (2 c with k), whose eigenvalues LAPACK finds.
-Without k and with Rayleigh damping the equation is one for the undamped eigenvalue lambda, as in `exponents`, and
-modes far above the band are compressed by block Lanczos from all rows (`contact.compression`).
+The inverse at a real shift is a diagonal matrix minus one of rank c (2 c with k), whose eigenvalues LAPACK
+computes. Without k and with Rayleigh damping the equation can be written for the undamped eigenvalue lambda, as in
+`exponents`, and modes far above the band are compressed by block Lanczos from all rows (`contact.compression`).
 
-Onsets are where the number of growing exponents changes along mu. They are counted at CELLS + 1 values; where one
-more or fewer grows, that exponent is followed to the zero of its growth rate, and where several do, the cell is
-halved; the largest negative rate is followed to a maximum between the values. What grows within less than a cell,
-without a maximum of that rate beside it, is overlooked.
+An onset is a change of the number of growing exponents along mu. Growing exponents are counted at CELLS + 1
+values. If the number changes by one within a cell, that exponent is followed to the zero of its growth rate; if it
+changes by more, the cell is halved. The largest negative rate is followed to a maximum between the values. Growth
+within less than a cell is missed if this rate has no maximum beside it.
 
-Where other contacts close along mu, all exponents jump. Such places are halved to rounding, onsets are counted in
-each piece between them, and where more modes grow beyond a place than before it, it is an onset itself. A set of
-closed contacts that is there for less than a cell may be overlooked. The search ends where steady sliding does:
-where the contacts jam, or may be closed in more than one way.
+If the set of closed contacts changes along mu, all exponents jump. Such values are bisected to rounding, onsets
+are counted in each interval between them, and a change after which more modes grow is itself an onset. A set of
+closed contacts that exists for less than a cell may be missed. The search ends where steady sliding ends: where
+the contacts jam, or where more than one set of closed contacts is possible.
 """
 
 from __future__ import annotations
@@ -41,19 +41,19 @@ from fivcore.stability.exponents import LARGEST_PHI, eigenvalues, pair
 from fivcore.statics import sliding, sliding_forces
 from fivcore.structure import Structure
 
-# Cells of mu, and the shortest to which one is halved, as a share of mu_max; change of a rate that is rounding, as
-# a share of it; growth that is rounding without damping, as a share of |phi|; modes for each row that replace far
-# ones.
+# Number of cells of mu, and the shortest cell relative to mu_max; relative change of a rate that counts as
+# rounding; growth relative to |phi| that counts as rounding without damping; number of modes per row that replace
+# far modes.
 CELLS, SHORTEST_CELL, FLAT, NEUTRAL, BLOCKS = 96, 1e-6, 1e-6, 1e-7, 3
-# A change of closed contacts is halved to the former share of a parameter's range; which contacts follow is asked
-# the latter ahead, as rounding decides at the place itself. Before steady sliding ends, a share of the last piece
-# is left, since forces become infinite. Most pieces; share of mu by which contacts differ before and after such an
-# onset.
+# A change of the closed contacts is bisected to the former fraction of a parameter's range; the new set is
+# determined the latter fraction beyond it, because rounding decides at the change itself. A fraction of the last
+# piece before the end of steady sliding is omitted, since forces become infinite there. Largest number of pieces;
+# relative offset in mu on both sides of such an onset.
 CHANGE, AHEAD, END, MOST_PIECES, ASIDE = 1e-13, 1e-8, 1e-6, 500, 1e-6
-# Real shift at which all is inverted.
+# Real shift of the inversion.
 SHIFT = 1.3
 
-# Numbers of the contacts that are closed, ascending, from 0.
+# Indices of the closed contacts, ascending, from 0.
 Closed = tuple[int, ...]
 
 
@@ -81,7 +81,7 @@ class SlidingContacts:
     rayleigh: tuple[float, float] | None
 
     def exponents(self, mu: float, k: Array | None = None) -> Complex:
-        """All phi of the band with Im >= 0, (any,); `k`, (c,), N s/m, by which friction falls."""
+        """All phi of the band with Im >= 0, (any,); `k`, (c,), N s/m, is the negative slope of friction."""
         n, t = self.normal, self.tangential
         push = n + (mu * self.friction)[:, None] * t
         if self.rayleigh and k is None:
@@ -89,7 +89,7 @@ class SlidingContacts:
             held = solved((n * d) @ push.T, n * d)
             inverse = np.diag(d) - d[:, None] * (push.T @ held)
             values = eigenvalues(inverse[None], np.array([-SHIFT]))[0]
-            # Constraints have none.
+            # Constraints have no finite eigenvalue.
             values = values[np.abs(values) < 1e3 * (1.0 + np.abs(values).min())]
             d1, d2 = self.rayleigh
             phi = pair(values, d1 + d2 * values).ravel()
@@ -114,7 +114,7 @@ class SlidingContacts:
         return eigenvalues(np.vstack([q, SHIFT * q + x])[None], np.array([SHIFT]))[0]
 
     def shape(self, phi: complex, mu: float, k: Array | None = None) -> Complex:
-        """Modal coordinates of an exponent, (n,): those of the forces that leave the normal gaps closed."""
+        """Modal coordinates of an exponent, (n,): response to the forces that keep the normal gaps closed."""
         n, t = self.normal, self.tangential
         d = 1.0 / (self.p + phi * (self.c + phi))
         fall = np.zeros(len(n)) if k is None else phi * self.omega * k
@@ -126,8 +126,8 @@ class SlidingContacts:
 
 
 def solved(matrix: Array, right: Array) -> Array:
-    """Forces that keep contacts closed; where a body has more of them than motions, the smallest such forces."""
-    # Rows and columns are in units of their own.
+    """Forces that keep contacts closed; if they are not unique (more contacts than motions), the smallest."""
+    # Rows and columns are scaled.
     rows = np.abs(matrix).max(axis=1, keepdims=True)
     columns = np.abs(matrix / rows).max(axis=0)
     found = np.linalg.lstsq(matrix / rows / columns, right / rows, rcond=1e-13)[0]
@@ -135,12 +135,12 @@ def solved(matrix: Array, right: Array) -> Array:
 
 
 def push(own: Structure, mu: float) -> Array:
-    """How the modes answer to normal forces and their friction, (c, n)."""
+    """Modal response to normal forces and their friction, (c, n)."""
     return np.asarray(own.normal + (mu * own.friction)[:, None] * own.tangential)
 
 
 def sliding_contacts(own: Structure, fmax: float, closed: Closed, whole: bool = False) -> SlidingContacts:
-    """The contacts of a structure that are closed; `whole` keeps all modes as they are."""
+    """The closed contacts of a structure with its modes; `whole` keeps all modes without compression."""
     places = list(closed)
     omega = 2.0 * np.pi * fmax
     rows = np.vstack([own.normal[places], own.tangential[places]]) / omega
@@ -160,7 +160,7 @@ def steady_forces(own: Structure, mu: float, F: float | None = None) -> Array:
     Raises
     ------
     ValueError
-        Where there is no steady sliding or more than one: it names the least mu at which that is so.
+        If steady sliding does not exist or is not unique; the message names the smallest such mu.
     """
     if F is None and own.gap.any():
         raise InputError("F is missing: with initial gaps it decides which contacts are closed; give F (N)")
@@ -184,14 +184,14 @@ def steady_forces(own: Structure, mu: float, F: float | None = None) -> Array:
 def closed_contacts(
     own: Structure, friction: Friction, mu: float, V: float | None = None, F: float | None = None
 ) -> Closed:
-    """Numbers of the contacts that are closed in steady sliding."""
+    """Indices of the contacts that are closed in steady sliding."""
     return tuple(np.flatnonzero(steady_forces(own, mu * friction.ratio(V or 0.0), F)).tolist())
 
 
 def sliding_points(
     own: Structure, friction: Friction, closed: Closed, mu: float, V: float | None, F: float | None
 ) -> tuple[float, Array | None]:
-    """Friction mu(V), and by how much that of each closed contact falls, k, N s/m; None where it does not."""
+    """Friction mu(V) and its negative slope k, N s/m, for each closed contact; None if it does not fall."""
     m, places = mu * friction.ratio(V or 0.0), list(closed)
     if friction.constant:
         return m, None
@@ -240,7 +240,7 @@ def crossings(
 
     def rate(mu: float, place: int) -> float:
         rates = modes(mu)[0]
-        # Neutral is not growing.
+        # Neutral modes do not count as growing.
         return float(rates[place]) if place < len(rates) and rates[place] != 0.0 else -1.0
 
     def count(mu: float) -> int:
@@ -252,7 +252,7 @@ def crossings(
         if (
             count(low) == place == count(high)
             and rate(low, place) < rate(middle, place) > rate(high, place) > -1.0
-            # A rate that is constant within rounding has no maximum.
+            # A rate that is constant to rounding has no maximum.
             and rate(middle, place) - min(rate(low, place), rate(high, place)) > FLAT * abs(rate(middle, place))
         ):
             best = minimize_scalar(lambda mu, k=place: -rate(mu, k), bounds=(low, high), method="bounded")
@@ -289,7 +289,7 @@ def crossings(
 
 
 def _moving(phi: Complex) -> Complex:
-    """Exponents that oscillate, the largest growth rate first."""
+    """Oscillating exponents in descending order of growth rate."""
     moving = phi[phi.imag > 0.0]
     return np.asarray(moving[np.argsort(-moving.real)])
 
@@ -297,7 +297,7 @@ def _moving(phi: Complex) -> Complex:
 def pieces_of(
     closed_at: Callable[[float], Closed], grid: list[float]
 ) -> tuple[list[tuple[Closed, list[float]]], float]:
-    """The grid in pieces with the contacts that are closed in each, and where steady sliding ends, or NaN."""
+    """Pieces of the grid with the closed contacts of each, and the end of steady sliding, or NaN."""
 
     def closed(value: float) -> Closed | None:
         try:
@@ -337,7 +337,7 @@ def _with(at: Callable[[float, Closed], Complex], closed: Closed, value: float) 
 def crossings_in_pieces(
     at: Callable[[float, Closed], Complex], closed_at: Callable[[float], Closed], grid: list[float]
 ) -> tuple[list[Any], list[Any], list[float], float]:
-    """`crossings` where the contacts that are closed change along the parameter; it diverges where it ends."""
+    """`crossings` with a changing set of closed contacts; the end of steady sliding counts as divergence."""
     (pieces, end), before = pieces_of(closed_at, grid), np.empty(0, dtype=complex)
     onsets, recoveries, entries, divergence = list[Any](), list[Any](), list[float](), end
     for place, (closed, values) in enumerate(pieces):
@@ -386,11 +386,12 @@ def _along(
 
 
 def sides(own: Structure, soft: Any, mu: float) -> tuple[Any, Any, Any, Any, Any]:
-    """The gap that stays closed, (n,), the force of an exponent that keeps it so, and their changes.
+    """Row of the gap that an exponent keeps closed, (n,), the force row, and their derivatives.
 
-    `soft` are the modes' responses 1 / (p + c phi + phi^2). Both change as normal and tangential directions turn,
-    in the first two of what follows; the force changes with mu, in the last. With several contacts, those that are
-    closed, it is the combination of gaps that hardly answers to a combination of forces; NaN where others close.
+    `soft` is the modal response 1 / (p + c phi + phi^2). The next two results are the derivatives of both rows as
+    the normal and tangential directions rotate; the last is that of the force row by mu. With several contacts the
+    rows are the combinations of closed gaps and of forces with the smallest response; NaN if the set of contacts
+    changes.
     """
     if own.gap is None:
         n, t = own.normal, own.tangential

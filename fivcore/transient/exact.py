@@ -1,25 +1,25 @@
 """`method="exact"`: the reduced model, integrated from event to event.
 
 In each contact status of `fivcore.contact.law` (separation, stick, slip with T = mu N or T = -mu N) the motion is
-smooth: it is integrated by the method of order 8 of Dormand and Prince (`fivcore.transient.exact_kernels`) with a
-relative tolerance of 1e-13 up to the first zero of a margin, which is located to rounding. So there is neither a
-time step nor an order: `step` is the grid on whose midpoints statistics and series are read. The error is some
-1e-11 of the motion until the first slip, which flutter then amplifies to 3e-8 at the first separation. Modal
-displacements all but cancel in a gap, and with them some three digits.
+smooth. It is integrated by the method of order 8 of Dormand and Prince (`fivcore.transient.exact_kernels`) with a
+relative tolerance of 1e-13 up to the first zero of a margin, which is located to rounding. Accuracy does not
+depend on `step`, which is only the grid at whose midpoints statistics and series are evaluated. The error is about
+1e-11 of the motion until the first slip; flutter then amplifies it to 3e-8 at the first separation. Modal
+displacements nearly cancel in a gap, which costs about three digits.
 
-An event within DWELL of the last one (a graze, or the tip of the cone) is not acted on: the status is kept for
-DWELL and the next one decided from the state alone. The energy balance stays exact; where gap or cone were
-overstepped meanwhile, the decision changes u, booked as impact.
+An event within DWELL of the previous one (grazing, or the tip of the friction cone) is not processed: the status
+is kept for DWELL, and the next status follows from the state alone. The energy balance remains exact; if the gap
+or the cone was violated meanwhile, the new status changes u, and this energy counts as impact loss.
 
-Where every mode is kept, the surfaces are rigid: N and T are what keeps the gap closed and, in stick, the surfaces
-together. Their law is that of `fivcore.contact.law`: an impact leaves no closing speed, its tangential impulse is
-within the cone; T jumps where slip ends.
+If no mode is truncated, the surfaces are rigid: N and T are the constraint forces that keep the gap closed and, in
+stick, the surfaces together. The law is that of `fivcore.contact.law`: an impact leaves no closing speed, and its
+tangential impulse lies within the cone; T jumps where slip ends.
 
-Where friction jumps to a kinetic coefficient, an impact or a compliant contact that slips ends in stick only where
-kinetic friction holds it, and a sticking contact slips where |T| = mu N, at once at a finite rate. Where friction
-falls with the speed, the slip rate w follows at each instant from the contact's own equation, T = s mu(|w|) N with
-s = -sign w, by Newton's method to rounding. The coefficient of friction in an impact is that at the mean of the
-slip rates before and after it, as in `fast`.
+If friction jumps to a kinetic coefficient, an impact or a slipping compliant contact ends in stick only if kinetic
+friction can hold it, and a sticking contact starts to slip at |T| = mu N with a finite rate. If friction falls
+with the speed, the slip rate w at each instant satisfies the contact equation T = s mu(|w|) N with s = -sign w,
+which Newton's method solves to rounding. The coefficient of friction of an impact belongs to the mean of the slip
+rates before and after it, as in `fast`.
 """
 
 from __future__ import annotations
@@ -42,25 +42,25 @@ from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import ENERGIES, SAMPLE, SEPARATION, STICK
 from fivcore.transient.stepped import Run
 
-# An event this soon after another is not acted on, s.
+# An event this soon after the previous one is not processed, s.
 DWELL = 1e-10
-# Largest growth of slip within DWELL, as a power of e.
+# Largest growth exponent of slip within DWELL.
 MOST_GROWTH = 10.0
-# Default grid on which statistics are read, length of a segment, and the shortest ramp, s.
+# Default grid of the statistics, length of a segment, and shortest ramp, s.
 READING_STEP, SEGMENT, SHORT = 1e-6, 0.04, 1e-7
-# A rate of a rigid contact is zero below this, in units of the modes' rates.
+# A gap rate of a rigid contact below this, relative to the modal rates, is zero.
 AT_REST = 1e-9
 
 
 class ExactRun(Run):
-    """One run in progress; `held` counts the events within DWELL of the last one.
+    """One run in progress; `held` counts the events within DWELL of the previous one.
 
-    A contact with a spring and no dashpot is a `SceneValueError`, as is a rigid one with parallel directions; a
-    force that is not unique, or slip that grows too fast to be resolved, a `ContactError`.
+    Raises `SceneValueError` for a contact with a spring but no dashpot and for a rigid contact with parallel
+    normal and tangential rows, `ContactError` if the force is not unique or slip grows too fast to be resolved.
     """
 
     READ_AT = 0.5
-    # Present status, the time at which it began, and that up to which events are not acted on, s.
+    # Present status, its start, and the time before which events are not processed, s.
     which, _origin, _deaf = STICK, 0.0, 0.0
 
     def __init__(self, scene: Normalised, options: RunOptions) -> None:
@@ -72,9 +72,9 @@ class ExactRun(Run):
                 f"cutoff = {cutoff:g}: the contact has no dashpot, which method 'exact' needs; use a cutoff that"
                 " leaves out more modes, or method 'fast'"
             )
-        # Of a rigid contact, change of (N, T) with the accelerations of the gaps.
+        # Rigid contact: change of (N, T) with the gap accelerations.
         self._resistance = resistance(model.W) if self.rigid else np.zeros((2, 2))
-        # Of a contact that slips, at the lowest speed, over the static coefficient.
+        # Ratio of the coefficient in slip, in the limit of zero speed, to the static one.
         ratio = scene.friction.kinetic_ratio if scene.friction.decay_speed == 0.0 else 1.0
         limit = model.painleve_mu(None) / ratio if ratio > 0.0 else np.inf
         if scene.mu >= limit:
@@ -104,7 +104,7 @@ class ExactRun(Run):
             y[n : 2 * n] = initial.velocity[model.kept]
             if not self.rigid:
                 y[2 * n :] = residual_gaps(scene, model.kept, initial) - self._gaps_at_rest
-        # In a ramp of 10 ns the acceleration is so large that the motion would be lost in its rounding.
+        # During a ramp of 10 ns the motion would be lost in the rounding of the large acceleration.
         starts = initial is None or not initial.running
         self._ramp = options.ramp if starts and options.ramp >= SHORT * unit else 0.0
         if starts and self._ramp == 0.0:
@@ -122,7 +122,7 @@ class ExactRun(Run):
         return q, v, u + self._gaps_at_rest
 
     def _take(self, first: int, last: int, samples: Array, rows: Array, sticks: Array) -> None:
-        # Between segments it stops at a reading, so that they leave no trace in the motion.
+        # Segments end at a sampling time, so that the motion does not depend on them.
         self._go((last if last in (self.pause, self.steps) else last - 0.5) * self.step, samples, rows, sticks)
 
     def _go(self, goal: float, samples: Array, rows: Array, sticks: Array) -> None:
@@ -161,7 +161,7 @@ class ExactRun(Run):
             (N, _), C, law = self._forces(t, y, STICK), model.C, self.scene.friction
             self.check(N, C[1, 1] - self.scene.mu * (abs(C[0, 1]) - law.slope(0.0) * N))
         omega = np.sqrt(np.where(model.stiffness > 0.0, model.stiffness, model.stiffness.max()))
-        # Root of the energy; at rest, that of the fastest mode under a unit force.
+        # Square root of the energy; at rest, that of the fastest mode under a unit force.
         energy = np.sum(v**2 + model.stiffness * q**2) + u @ model.K @ u
         size = np.sqrt(energy + model.W[0, 0] / model.stiffness.max())
         speed = abs(self._clamp_velocity(t)) + size * np.sqrt(model.W[1, 1])
@@ -173,7 +173,7 @@ class ExactRun(Run):
         self.motion[:-7], self.motion[-3] = y, t
 
     def next_status(self, t: float, event: int, y: Array) -> None:
-        """Enter the status that follows the event that ends the present one; in contact event 0 is N = 0."""
+        """Enter the status that follows after an event; event 0 of a closed contact is N = 0."""
         which = self.which
         if which == SEPARATION:
             self._decide(t, y, which, touchdown=True)
@@ -190,9 +190,9 @@ class ExactRun(Run):
             self.enter(t, STICK, y)
 
     def _decide(self, t: float, y: Array, was: int, touchdown: bool = False, even: bool = False) -> None:
-        """Enter the status that the state alone demands (`fivcore.contact.law`).
+        """Enter the status that follows from the state alone (`fivcore.contact.law`).
 
-        At `touchdown` the gap closes; where `even`, the slip rate is zero but for rounding.
+        At `touchdown` the gap closes; if `even`, the slip rate is zero to rounding.
         """
         g_N, energy = self.model.normal @ y[: len(self.model.stiffness)], self._energy_of(y)
         if was == SEPARATION and g_N + y[-2] > 0.0 and not touchdown:
@@ -207,7 +207,7 @@ class ExactRun(Run):
                 return
         N, T = self._forces(t, y, STICK)
         up = slip_rate < 0.0 if slip_rate else T > 0.0
-        # Rigid surfaces without a slip rate stick, but a compliant contact only where kinetic friction holds it.
+        # Rigid surfaces without slip rate stick; a compliant contact sticks only if kinetic friction can hold it.
         most = self.scene.mu if was == STICK or self.rigid else self.slipping
         sticks = slip_rate == 0.0 and N > 0.0 and abs(T) <= most * N
         which = STICK if sticks else SLIP_UP if up else SLIP_DOWN
@@ -215,7 +215,7 @@ class ExactRun(Run):
             self.enter(t, SEPARATION, y)
             return
         if not self.rigid:
-            # Contact is entered with a u_N of its own, which is not yet that of the gap.
+            # At the start of contact u_N does not yet match the gap.
             y[-2] = -g_N
             self.record["impact"] += energy - self._energy_of(y)
         self.enter(t, which, y)
@@ -237,7 +237,7 @@ class ExactRun(Run):
             impulse = np.array([N, T if even else np.copysign(m * N, T)])
         v += impulse @ model.shapes
         slip_rate = float(rates[1] + W[1] @ impulse)
-        # Past its zero where an event was not acted on.
+        # Beyond its zero if an event was not processed.
         past = was >= SLIP_UP and (slip_rate > 0.0) == (was == SLIP_UP)
         return False, 0.0 if even or past or was == STICK or abs(slip_rate) <= zero[1] else slip_rate
 
@@ -249,7 +249,7 @@ class ExactRun(Run):
         return N, T
 
     def check(self, N: float, slack: float) -> None:
-        """Raise an error where the slip rate is not unique: T - s mu N does not rise with u_T'."""
+        """Raise an error if the slip rate is not unique, because T - s mu N does not increase with u_T'."""
         if not slack > 0.0:
             scene, C, law = self.scene, self.model.C, self.scene.friction
             least = scene.mu * (1.0 - law.kinetic_ratio) * N / (C[1, 1] - scene.mu * abs(C[0, 1]))
@@ -261,7 +261,7 @@ class ExactRun(Run):
     def impact_mu(self, rates: Array, up: bool) -> float:
         """Coefficient of friction in an impact with T > 0 (`up`) or T < 0, from the gaps' rates before it."""
         if self.scene.friction.constant:
-            # As where slip ends: kinetic friction has to hold what sticks.
+            # As at the end of slip, kinetic friction must be able to hold a sticking contact.
             return self.slipping
         sense, law = 1.0 if up else -1.0, DiscreteContact(np.zeros((2, 2)), 0.0, 0.5 * self.model.W, 1.0).slip
         alpha, (mu, *fall) = -0.5 * rates[0], self._law
@@ -270,7 +270,7 @@ class ExactRun(Run):
         return float(mu * ratio)
 
     def _drive(self, t: float) -> tuple[float, float]:
-        """End of the ramp or of the run, whichever is ahead, and the acceleration of P2's clamp until then."""
+        """End of the ramp or of the run, whichever comes first, and the acceleration of P2's clamp until then."""
         end = self.steps * self.step
         return (min(self._ramp, end), self.scene.speed_per_load / self._ramp) if t < self._ramp else (end, 0.0)
 
@@ -295,10 +295,10 @@ class ExactRun(Run):
 
 @one_blas_thread()
 def grows(system: Any, size: int, which: int, rate: float) -> bool:
-    """Whether a status' motion, so small that friction is linear in it, grows faster than a rate, 1/s."""
+    """Whether small motions of a status, with linearised friction, grow faster than a rate, 1/s."""
     law = kernels.affine_law(np.ones(size), which, system, np.zeros(3))
     matrix: Array = matrix_balance(law[kernels.RATES :, :-1], permute=False)[0]
-    # No eigenvalue is larger than a norm.
+    # A norm bounds all eigenvalues.
     return bool(np.abs(matrix).sum(axis=1).max() > rate and np.linalg.eigvals(matrix).real.max() > rate)
 
 
@@ -308,15 +308,15 @@ def slipping_force(N: float, T: float, m: float, resistance: Array) -> float:
 
 
 def states_at(scene: Normalised, times: Array, *, step: float | None = None, **given: Any) -> Array:
-    """Exact motion at ascending `times` (m,), s; the others are options, without a step as few as possible.
+    """Exact motion at ascending `times` (m,), s, with further options of a run.
 
-    Returns modal displacements, modal velocities, those of P2 relative to its clamp, and (u_N, u_T),
-    (m, 2n + 2); displacements are deviations from those under the load alone; normalised (F = 1).
+    Returns modal displacements and velocities (P2 relative to its clamp) and (u_N, u_T), (m, 2n + 2), normalised
+    (F = 1); displacements are deviations from the equilibrium under the load.
     """
     end = float(times[-1]) + DWELL
     options = RunOptions(duration=end, method="exact", step=step or end, **given)
     run = ExactRun(scene, options)
-    # Nothing is kept but the states.
+    # Only the states are stored.
     run.record["sample_every"], run.record["stick_room"] = np.iinfo(np.int64).max, 0
     states, nowhere = [], (np.empty((1, SAMPLE)), np.empty((1, 6)), np.empty((1, 2)))
     for t in times:

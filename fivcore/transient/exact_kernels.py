@@ -1,7 +1,7 @@
 """Compiled kernels of `method="exact"`: the rates of the model, steps of order 8, and the location of events.
 
-The state z is (q, v, u_N, u_T), q and u as deviations from rest, followed by what the run has exchanged since:
-work of the drive, and losses by damping, friction and the contact's dashpot. The `system` is constant in a run:
+The state z is (q, v, u_N, u_T), with q and u as deviations from rest, followed by the energies exchanged: work of
+the drive, and losses by damping, friction and the contact dashpot. The `system` is constant during a run:
 
     stiffness, damping (n,); normal and tangential shapes (2, n); inertia, output (n,); K, C and the inverse of C,
     in rigid contact zero, zero and W; mu and the law of friction (`fivcore.friction.Friction.law`).
@@ -27,13 +27,13 @@ SCENE = np.dtype([*FIELDS, *((name, "i8") for name in _WHOLE)])
 SLIP_UP, SLIP_DOWN = 2, 3
 # Rows of a law: forces, slip rate and gap; the rates of the state follow.
 N, T, SLIP_RATE, GAP, RATES = range(5)
-# Results of `follow` besides a margin's number: no event; the slip rate is not unique; no step is short enough.
+# Results of `follow` other than the index of a margin: no event; slip rate not unique; step too short.
 NOTHING, NOT_UNIQUE, NO_STEP = -1, -2, -3
 # The method of order 8 of Dormand and Prince, with errors of order 5 and 3 (Hairer, Norsett and Wanner, Solving
 # Ordinary Differential Equations I, 1993, section II.10).
 STAGES, POINTS, SUMS = DOP853.A[:12, :12].copy(), DOP853.C[:12].copy(), DOP853.B.copy()
 ERROR_3, ERROR_5 = DOP853.E3.copy(), DOP853.E5.copy()
-# Relative tolerance of a step, and what counts as zero beside the size of the motion.
+# Relative tolerance of a step, and zero tolerance relative to the size of the motion.
 STEP_TOLERANCE, ZERO = 1e-13, 1e-14
 # An event is located within this share of a step; shortest step, s.
 LOCATED, SHORTEST_STEP = 1e-13, 1e-18
@@ -41,7 +41,7 @@ LOCATED, SHORTEST_STEP = 1e-13, 1e-18
 
 @inlined
 def coefficient(x: float, law: Any) -> tuple[float, float]:
-    """Coefficient of friction at the slip rate x, and its derivative; continued beyond x = 0, where steps look."""
+    """Coefficient of friction at the slip rate x and its derivative, continued beyond x = 0 for trial steps."""
     mu, kappa, decay_speed, rational = law
     near = max(x, -0.25 * decay_speed)
     ratio, slope = friction_ratio(near, kappa, decay_speed, rational)
@@ -50,9 +50,10 @@ def coefficient(x: float, law: Any) -> tuple[float, float]:
 
 @kernel
 def sliding(N: float, T: float, C: Any, law: Any, sense: float) -> tuple[float, float, float]:
-    """Slip rate against T, mu there, and by how much T - s mu N rises with u_T', from (N, T) at no slip rate.
+    """Slip rate against T, mu at that rate, and derivative of T - s mu N by u_T', from (N, T) at zero slip rate.
 
-    It begins at the root for the least mu, beyond which there is none; with constant friction it is the root.
+    The iteration starts at the root for the smallest mu, which bounds all roots; with constant friction it is
+    exact.
     """
     mu, slack = law[0] * law[1], 0.0
     x = (sense * T - mu * N) / (C[1, 1] - mu * sense * C[0, 1])
@@ -118,7 +119,7 @@ def rates(t: float, z: Any, which: int, system: Any, drive: Any, out: Any) -> An
 
 @kernel
 def affine_law(units: Any, which: int, system: Any, drive: Any) -> Any:
-    """Rows of a law that is linear, (4 + m, m + 1): times z in `units` (m,) and 1, its values there."""
+    """Rows of a linear law, (4 + m, m + 1), to be multiplied by (z in `units`, (m,), and 1)."""
     m = len(units)
     rows, y, out, values = np.zeros((RATES + m, m + 1)), np.zeros(m + 4), np.empty(m + 4), np.empty(RATES + m)
     for j in range(m + 1):
@@ -141,10 +142,11 @@ def rates_of(z: Any, which: int, system: Any, drive: Any, out: Any) -> Any:
 
 @inlined
 def _least(values: Any, which: int, mu: float, zero: Any) -> tuple[float, int]:
-    """The least margin of a status, and its number; the status lasts while it is positive.
+    """The smallest margin of a status and its index; the status lasts while all margins are positive.
 
-    Margins are in separation the gap, in stick N, mu N - T and mu N + T, in slip N and the slip rate against T, in
-    units of the rounding of a force, a rate and a gap, `zero` (3,), and 1 more, so that rounding ends nothing.
+    Margins are the gap in separation; N, mu N - T and mu N + T in stick; N and the slip rate against T in slip.
+    They are in units of the rounding of a force, a rate and a gap, `zero` (3,), plus 1 so that rounding ends no
+    status.
     """
     N, T, w, gap, _ = values
     if which == SEPARATION:
@@ -167,7 +169,7 @@ def _step(
 ) -> float:
     """Write the state after a step of h from z, whose rates are `stages[0]`.
 
-    Returns where in the step, as a share of it, a stage lies beyond the end of the status; 0 if nowhere.
+    Returns the fraction of the step at which a stage lies beyond the end of the status; 0 if none does.
     """
     place, lowest, mu = 0.0, 0.0, system[8][0]
     for i in range(1, 12):
@@ -202,7 +204,7 @@ def _error(h: float, z: Any, new: Any, stages: Any, zero: Any) -> float:
 
 @reordered_call
 def _keep_closed(z: Any, which: int, system: Any, P: float) -> None:
-    """Take back what rounding has opened of a closed contact: u_N, or q and v between rigid surfaces."""
+    """Remove the rounding error of a closed gap from u_N, or from q and v between rigid surfaces."""
     shapes, K, W = system[2], system[5], system[7]
     n, gap, v_N, v_T = shapes.shape[1], 0.0, 0.0, -P
     for j in range(n):
@@ -228,17 +230,17 @@ def follow(
 ) -> int:  # fmt: skip
     """Follow a contact status, which began at the time `origin`, up to `end` or to its first event.
 
-    `motion` (2n + 9,) holds z and time, next step and index of the next reading, and is changed in place. Returns
-    the number of the margin that vanished (`_least`) or `NOTHING`, or `NO_STEP` or `NOT_UNIQUE` with the normal
-    force in place of the next step. Unless it `heeds` events, the status lasts to the end. Statistics and series
-    are read in the middle of the steps of the run: a row of `samples` is velocity of B, slip rate, N and counters,
-    one of `rows` is time, velocity of B, N, T, slip rate and contact state.
+    `motion` (2n + 9,) holds z, time, next step and index of the next sampling time, and is changed in place.
+    Returns the index of the margin that vanished (`_least`) or `NOTHING`, or `NO_STEP` or `NOT_UNIQUE` with the
+    normal force in place of the next step. Without `heeds` events are ignored and the status lasts to the end.
+    Statistics and series are evaluated in the middle of the steps of the run: a row of `samples` holds velocity of
+    B, slip rate, N and counters, a row of `rows` time, velocity of B, N, T, slip rate and contact state.
     """
     m = len(motion) - 3
     n, scene, z, mu, contact = (m - 6) // 2, scenes[0], motion[:m], system[8][0], min(which, SLIP)
     stages, new, trial, spare = np.empty((13, m)), np.empty(m), np.empty(m), np.empty(m)
     t, h, i, event = motion[m], motion[m + 1], int(motion[m + 2]), NOTHING
-    # The first slip begins the statistics anew.
+    # The statistics restart at the first slip.
     was, scene.contact = scene.contact, contact
     if contact != was:
         if enter(scene, was, contact, origin):
@@ -278,7 +280,7 @@ def follow(
         unique = values[4] > 0.0 and after[4] > 0.0
         if not (error < 1.0 and unique):
             h = taken * (max(0.2, 0.9 * error**-0.125) if error >= 1.0 else 0.2)
-            # Shorter and shorter steps lead to the force at which the slip rate is not unique.
+            # The steps shrink towards the force at which the slip rate is not unique.
             if h > max(SHORTEST_STEP, 1e-15 * t) and values[4] > 0.0:
                 continue
             event, h = NO_STEP if unique else NOT_UNIQUE, values[0]

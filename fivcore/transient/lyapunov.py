@@ -1,8 +1,8 @@
-"""The largest Lyapunov exponent of a motion by `method="fast"`, from the tangent of its own steps.
+"""Largest Lyapunov exponent of a motion by `method="fast"`, from the linearisation of its steps.
 
-A small deviation follows the motion, step by step, by the branch that the contact takes (`kernel.respond`). From
-time to time the logarithm of its norm is noted and it is scaled back to 1; the exponent is the mean of these
-logarithms per time (G. Benettin, L. Galgani, A. Giorgilli, J.-M. Strelcyn, Meccanica 15, 1980, 9-30).
+An infinitesimal deviation is propagated step by step on the branch that the contact takes (`kernel.respond`). At
+intervals the logarithm of its norm is recorded and its norm is reset to 1; the exponent is the mean of these
+logarithms per unit time (G. Benettin, L. Galgani, A. Giorgilli, J.-M. Strelcyn, Meccanica 15, 1980, 9-30).
 """
 
 from __future__ import annotations
@@ -48,26 +48,27 @@ def lyapunov_exponent(
 ) -> LyapunovExponent:
     """Find the largest Lyapunov exponent of the motion that `simulate` finds by `method="fast"`.
 
-    Neighbouring motions part as exp(value t). In intermittent motion it is the mean over bursts, in which they do,
-    and long sticks, in which they approach each other as the glued modes decay: it may be negative although every
-    burst is irregular.
+    Neighbouring motions diverge as exp(value t). In intermittent motion the exponent is the mean over bursts, in
+    which they diverge, and long sticks, in which they converge because the tied modes decay; it may be negative
+    although every burst is irregular.
 
-    It is that of the steps, in which an event moves by whole steps only, and needs shorter ones than the shares of
-    time do: with the paper's rig (theta = 5, mu = 0.2) it is 1.4 to 1.5 times as large with the step of `simulate`
-    as with an eighth of it, 1.1 times with half, and equal within 2 % with a quarter, the default here. Where
-    friction jumps from static to kinetic, it misses that a deviation shifts the jump.
+    The exponent belongs to the discrete steps, in which an event moves by whole steps only. It therefore needs
+    shorter steps than the shares of time do: with the paper's rig (theta = 5, mu = 0.2) it is 1.4 to 1.5 times as
+    large with the step of `simulate` as with an eighth of it, 1.1 times with half, and equal within 2 % with a
+    quarter, the default here. For friction that jumps from static to kinetic, it neglects that a deviation shifts
+    the jump.
 
     Parameters
     ----------
     scene, duration, options, **keywords
-        As in `fivcore.simulate`, except the default of `step`; every step is taken, and nothing is recorded. The
-        mean begins at `settle`, but not before the onset's finer model ends, which has other modes
-        (`transient.fast.onset`); the deviation needs some 10 ms to turn into the direction that grows most.
+        As in `fivcore.simulate`, except for the default of `step`; no stick is skipped and nothing is recorded.
+        The mean starts at `settle`, but not before the end of the finer model of the onset, which has other modes
+        (`transient.fast.onset`). The deviation needs about 10 ms to turn into the most unstable direction.
 
     Raises
     ------
     ValueError, ContactError, DivergenceError
-        As `fivcore.simulate`; also for rigid contact, where a deviation of the gap never changes.
+        As `fivcore.simulate`; also for rigid contact, in which a deviation of the gap is constant.
     """
     given = options_of(options, keywords)
     if given.method != "fast":
@@ -79,7 +80,7 @@ def lyapunov_exponent(
         _, normalised, checked = request(scene, duration, given)
         if given.step is None:
             usual = reduced_model(normalised.rig, normalised.theta, given.cutoff).default_step
-            # Asked again, for a run of another step is not continued.
+            # Requested again, because a run with another step is not continued.
             _, normalised, checked = request(scene, duration, replace(given, step=STEP_SHARE * usual))
         job = ObservedRun(scene, normalised, checked)
         run, unit = cast(FastRun, job.run), scene.rig.time_scale
@@ -115,7 +116,7 @@ def mean_growth(growths: Array, times: Array, degrees: int) -> tuple[float, floa
 
 
 def _deviation(run: FastRun) -> Any:
-    """A deviation in which every mode moves, as `kernel.advance` needs it: its record and its modes."""
+    """An initial deviation of all modes for `kernel.advance`: its record and its modes."""
     model, record, blocks = run.model, np.zeros(1, layout.TANGENT), aligned(run.blocks)
     blocks[:, layout.Q : layout.V + 1] = 0.0
     put(blocks, run.places, layout.V, np.full(len(model.normal), len(model.normal) ** -0.5))
@@ -124,12 +125,12 @@ def _deviation(run: FastRun) -> Any:
 
 
 def _scaled_back(run: FastRun) -> float:
-    """Give a run's deviation the norm 1, the root of twice its energy; return the logarithm of what it had."""
+    """Normalise the deviation of a run (norm: root of twice its energy); return the logarithm of its old norm."""
     (record, modes), model = run.tangent, run.model
     blocks = modes.reshape(run.blocks.shape)
     q, v = (take(blocks, run.places, row) for row in (layout.Q, layout.V))
     u = np.array([record["u_N"][0], record["u_T"][0]])
-    # Without a stiffness of its own a mode has the contact's.
+    # A rigid-body mode has no stiffness and is scaled by the contact frequency.
     omega = np.sqrt(np.where(model.stiffness > 0.0, model.stiffness, model.contact_frequency**2))
     norm = float(np.sqrt(np.sum(v**2) + np.sum((omega * q) ** 2) + u @ model.K @ u))
     blocks[:, layout.Q : layout.V + 1] /= norm

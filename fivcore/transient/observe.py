@@ -202,7 +202,7 @@ class Correlation:
                 self._windows[length] += len(samples) // length
 
     def peak(self) -> float:
-        """Frequency of the largest peak of the whole signal within the band, Hz, with the resolution of `welch`."""
+        """Frequency of the largest peak of the whole signal in the band, Hz, at the resolution of `welch`."""
         smooth = np.convolve(self._power, _hann(2 * (PADDED // WINDOW) + 1), "same")
         return Spectrum(np.asarray(np.fft.rfftfreq(PADDED, 1.0 / self._rate)), smooth, self._band).peak()
 

@@ -1,15 +1,15 @@
 """`method="paper"`: the published scheme on every mode of both beams (sections 3.2 and 3.3 of the paper).
 
-Equations (15) and (16) are printed for beta2 = 0.5 and without damping, (14) and (18) with errors. With b = beta2
-and r = dt / tau the scheme reads, per mode,
+The paper prints equations (15) and (16) for beta2 = 0.5 without damping, and (14) and (18) with errors. With b =
+beta2 and r = dt / tau the scheme reads, per mode,
 
     v* = v + dt (1 - b) a,   a* = (f - k q - c v*) / (1 + b dt c),   q_free = q + dt (v* + b dt a*) + dt^2 a* / 2.
 
-If the free gap is open, N = T = 0. Otherwise stick is tried, with g_N = 0 and g_T as in the last step; it is
-accepted if N > 0 and |T| < mu N. Otherwise the contact slips with the simplified Prakash-Clifton law
-T = (T_last + r s mu N) / (1 + r), g_N = 0 and N >= 0, where s is the sign of T in the trial; where friction
-depends on the slip rate, that of the step decides mu (`fivcore.friction.slip_speed`; not in the paper). Then
-a = a* + force / (1 + b dt c), v = v* + b dt a and q = q + dt v + dt^2 a / 2.
+If the free gap is open, N = T = 0. Otherwise stick is tried, with g_N = 0 and g_T of the last step; it is accepted
+if N > 0 and |T| < mu N. Otherwise the contact slips with the simplified Prakash-Clifton law
+T = (T_last + r s mu N) / (1 + r), g_N = 0 and N >= 0, where s is the sign of T in the trial. If friction depends
+on the slip rate, mu is that at the slip rate of the step (`fivcore.friction.slip_speed`; not in the paper). Then a
+= a* + force / (1 + b dt c), v = v* + b dt a and q = q + dt v + dt^2 a / 2.
 
 This is Newmark's method with beta = 0 and gamma = b. For b > 1/2 it is of first order and adds (b - 1/2) dt to d2.
 The kernel adds its sums over modes in a fixed order.
@@ -39,20 +39,20 @@ from fivcore.transient.stepped import Run
 PAPER_STEP, BETA2, TAU = 2e-8, 0.8, 1e-7
 # The paper's step in units of 1 / omega of the highest mode of both beams.
 PERIOD_SHARE = 0.2
-# The scheme's own addition to d2, s.
+# Numerical damping of the scheme, which adds to d2, s.
 ADDED_DAMPING = (BETA2 - 0.5) * PAPER_STEP
 # Length of a segment, s.
 SEGMENT = 0.02
 # The modal damping is sampled every so many steps for the energy balance.
 SAMPLED = 64
 
-# Step, beta2, dt / tau, friction, drive, gaps that unit forces close within a step (W); free gaps of the present
-# step, g_T and T at the end of the last one; contact state, the present step, the step from which statistics
-# count, intervals and numbers of samples and rows of the record.
+# Step, beta2, dt / tau, friction, drive, gaps closed by unit forces within a step (W); free gaps of the present
+# step, g_T and T at the end of the last one; contact state, present step, first step of the statistics, intervals
+# and numbers of samples and rows of the record.
 _NUMBERS = ("dt", "b", "r", "mu", "speed", "ramp", "W_NN", "W_NT", "W_TT", "gap_N", "gap_T", "last_gT", "last_T")
 _WHOLE = ("contact", "now", "settle", "sample_every", "row_every", "samples", "rows")
-# Where friction depends on the slip rate, its law (`Friction.law`); friction at which a contact that moves sticks,
-# and in slip where it is constant; the last slip rate; whether friction depends on it.
+# Law of friction that depends on the slip rate (`Friction.law`); friction at which a moving contact sticks, which
+# is also that of slip if constant; last slip rate; whether friction depends on it.
 _FRICTION = [("law", "f8", (3,)), ("kinetic", "f8"), ("slip_rate", "f8"), ("falls", "i8")]
 SCENE = np.dtype([
     *FIELDS, *((name, "f8") for name in _NUMBERS), *((name, "i8") for name in _WHOLE), *_FRICTION
@@ -60,7 +60,7 @@ SCENE = np.dtype([
 
 
 def with_numerical_damping(rig: ContactModel, method: str, numerical_damping: str) -> ContactModel:
-    """Return the rig of a method's model: "fast" and "exact" add the numerical damping to d2."""
+    """Return the rig that a method simulates: "fast" and "exact" add the numerical damping to d2."""
     if method == "paper" or numerical_damping == "none":
         return rig
     if isinstance(rig, Rig):
@@ -69,14 +69,14 @@ def with_numerical_damping(rig: ContactModel, method: str, numerical_damping: st
 
 
 def paper_step(rig: ContactModel) -> float:
-    """The paper's step, s; of a structure, the same share of the period of its highest mode."""
+    """The paper's step, s; for a structure, the same fraction of the period of its highest mode."""
     if isinstance(rig, Rig):
         return PAPER_STEP
     return PERIOD_SHARE / float(2.0 * np.pi * modal_structure(rig, 0.0).motion.frequency[-1])
 
 
 def relaxation_time(rig: ContactModel, step: float) -> float:
-    """Time in which T relaxes, s: the paper's; of a structure, as many steps, so that it goes to zero with them.
+    """Relaxation time of T, s: the paper's; for a structure the same number of steps.
 
     After an impact with the normal impulse P in one step, T is r / (1 + r)^k mu P / dt in the steps k = 1, 2, ...:
     while the contact lasts and slips, their sum is mu P, the tangential impulse of `fivcore.contact.law`.
@@ -85,7 +85,7 @@ def relaxation_time(rig: ContactModel, step: float) -> float:
 
 
 def largest_step(stiffness: Array, damping: Array, beta2: float) -> float:
-    """Largest stable step of the scheme, s, that of the fastest mode.
+    """Largest stable step of the scheme, s, which the fastest mode determines.
 
     With z = omega dt it solves (beta2 / 2) z^2 - 2 zeta (beta2 - 1/2) z = 1 (Hughes, The Finite Element Method,
     section 9.1, for beta = 0).
@@ -127,7 +127,7 @@ class PaperRun(Run):
         record["speed"], record["ramp"] = speed, ramp
         record["W_NN"], record["W_NT"], record["W_TT"] = contact_closing(model, dt, b)
         record["settle"] = first_counted(record["settled_from"][0], dt, 1.0)
-        # The unit load alone: at rest stiffness times displacement is load plus normal force.
+        # Unit load: at rest, stiffness times displacement equals load plus normal force.
         self._load = model.stiffness * model.static_equilibrium - model.normal
         q, T = model.static_equilibrium.copy(), 0.0
         v, a = np.zeros((2, len(q)))
@@ -135,7 +135,7 @@ class PaperRun(Run):
             q, v = (part[: len(model.normal)].copy() for part in (initial.displacement, initial.velocity))
             a = self._load - model.stiffness * q - model.damping * v
             if initial.contact != SEPARATION:
-                # The gap does not accelerate, and what slips has its friction already.
+                # The gap acceleration is zero, and a slipping contact starts with its friction force.
                 slip_rate = float(model.tangential @ v) - (speed if ramp == 0.0 else 0.0)
                 m = -scene.mu * friction.ratio(slip_rate) * float(np.sign(slip_rate))
                 m = m if initial.contact == SLIP else 0.0
@@ -147,7 +147,7 @@ class PaperRun(Run):
         record["last_gT"], record["last_T"] = model.tangential @ q, T
         self._first_energy = self._energy_of(q, v)
         self._q, self._vs = q, v + dt * (1.0 - b) * a
-        # Within the ramp P2's inertia acts. A segment ends where the ramp does.
+        # During the ramp the inertia of P2 acts. A segment ends with the ramp.
         self._push = model.inertia * speed / ramp if ramp > 0.0 else np.zeros(len(q))
         self._f = self._load + self._push
         self._cut = round(ramp / dt)
@@ -156,7 +156,7 @@ class PaperRun(Run):
             self._end_ramp(0)
 
     def _predict(self) -> None:
-        """Set a* and the free gaps of the step that comes from q, v* and f."""
+        """Compute a* and the free gaps of the next step from q, v* and f."""
         dt, model, q, vs = self.step, self.model, self._q, self._vs
         self._a = a = (self._f - model.stiffness * q - model.damping * vs) * self._inverse
         free = q + dt * (vs + self._b * dt * a) + 0.5 * dt**2 * a
@@ -174,7 +174,7 @@ class PaperRun(Run):
 
     def _end_ramp(self, step: int) -> None:
         """Stop the acceleration of the clamp and predict step `step` anew."""
-        # The rounded number of steps leaves a rest of the ramp, which acts as an impulse.
+        # The ramp is not a whole number of steps; its remainder acts as an impulse.
         push = self._push * (float(self.record["ramp"][0]) - step * self.step)
         self.record["work"] += np.sum(push * (self._vs + 0.5 * push))
         self._vs += push
@@ -182,7 +182,7 @@ class PaperRun(Run):
         self._predict()
 
     def state(self) -> tuple[Array, Array, Array]:
-        """Displacements from rest and velocities of all modes, with v* as velocity; no others are left."""
+        """Displacements from rest and velocities v* of all modes; no modes are truncated."""
         return self._q - self.model.static_equilibrium, self._vs, np.zeros(2)
 
     def stored_energy(self) -> float:
@@ -200,7 +200,7 @@ class PaperRun(Run):
 
 
 def contact_closing(model: ReducedModel, step: float, beta2: float) -> tuple[float, float, float]:
-    """Gaps that unit forces close within one step, m/N: NN, NT, TT."""
+    """Gap changes within one step for unit forces, m/N: NN, NT, TT."""
     inverse, scale = 1.0 / (1.0 + beta2 * step * model.damping), step**2 * (beta2 + 0.5)
     n, t = model.normal, model.tangential
     return scale * float(n @ (n * inverse)), scale * float(n @ (t * inverse)), scale * float(t @ (t * inverse))
@@ -234,7 +234,7 @@ def _gaps(normal: Any, tangential: Any, q: Any) -> Any:
 
 @inlined
 def published_contact(scene: Any, gN: float, gT: float) -> Any:
-    """Contact state, N and T from the free gaps and the gaps W that unit forces close within the step."""
+    """Contact state, N and T from the free gaps and the gap changes W for unit forces."""
     WNN, WNT, WTT, r, last_T = scene.W_NN, scene.W_NT, scene.W_TT, scene.r, scene.last_T
     if gN > 0.0:
         return SEPARATION, 0.0, 0.0

@@ -1,4 +1,4 @@
-"""The motion of scenes in time, `simulate` and `simulate_many`, and how far it is unique, `painleve_mu`."""
+"""Motion of scenes in time, `simulate` and `simulate_many`, and the limit of its uniqueness, `painleve_mu`."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def simulate(
     ----------
     scene : Scene
     duration : float or Until
-        Simulated time, s, or what ends the run.
+        Simulated time, s, or a stopping rule.
     method : {"fast", "exact", "paper"}, optional
     **keywords
         The parameters of `fivcore.Options`, of which `method` is one.
@@ -54,16 +54,16 @@ def simulate(
     ValueError
         For a bad argument, naming it, its value and what is allowed.
     ContactError
-        Where the contact force is not unique; before the first step, or, of a falling friction, where it is met.
+        If the contact force is not unique; raised before the first step, or for falling friction when it occurs.
     DivergenceError
-        Where the motion leaves the range of numbers.
+        If the motion exceeds the range of floating-point numbers.
 
     Warns
     -----
     FixedContactWarning
-        Where V times the duration exceeds 2 % of P2's length, along which the contact point does not move.
+        If V times the duration exceeds 2 % of the length of P2, because the contact point of the model is fixed.
     OutOfBandWarning
-        Where sliding is unstable only above 10 kHz, the default band of `fivcore.flutter_onsets` (for "fast" with
+        If sliding is unstable only above 10 kHz, the default band of `fivcore.flutter_onsets` (for "fast" with
         the default cut-off, from rest).
     """
     (result,) = simulate_many([scene], duration, method, options=options, **keywords)
@@ -90,7 +90,7 @@ def simulate_many(
     options: Options | None = None,
     **keywords: Any,
 ) -> list[Transient | SceneError]:
-    """Simulate many scenes; each has the bits that `simulate` gives it.
+    """Simulate many scenes; each result has the same bits as that of `simulate`.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def simulate_many(
     duration : float or Until, or list of them
     method, options, **keywords
         As for `simulate`. A list, as long as `scenes`, gives each scene its own `duration`, `ramp`, `settle`,
-        `initial` or `numerical_damping`; other lists belong to all scenes.
+        `initial` or `numerical_damping`; other lists apply to all scenes.
 
     Returns
     -------
@@ -136,14 +136,14 @@ def request(scene: Scene, duration: Any, options: Options) -> tuple[Scene, Norma
 
 
 def _reaching(scene: Normalised, own: Structure) -> Structure:
-    """The structure with the cut-off that its motion needs: modes that grow just below the usual one need more."""
+    """The structure with the cut-off that its motion needs, higher if modes grow just below the usual one."""
     if own.several or own.cutoff is None or own.reaching == own:
         return own
     try:
         model = reduced_model(own, scene.theta)
         found = sliding_growth(scene, model, model.default_step)
     except ContactError:
-        # The method says where and why the contact force is not unique.
+        # The method itself reports why the contact force is not unique.
         return own
     return own.reaching if len(found) and found[-1] > GROWTH_REACH * own.cutoff else own
 
@@ -151,10 +151,10 @@ def _reaching(scene: Normalised, own: Structure) -> Structure:
 def growing_frequencies(
     scene: Scene, *, cutoff: float | None = None, numerical_damping: str | None = None
 ) -> Array:
-    """Frequencies of growing motions about steady sliding in the reduced model by which `simulate` moves.
+    """Frequencies of growing motions about steady sliding in the reduced model of `simulate`.
 
-    Its modes reach far above the band in which stability is usually asked (`sliding_modes`): what grows only there
-    drives the motion, too.
+    Its modes extend far above the usual band of stability analysis (`sliding_modes`), and modes that grow only
+    there also drive the motion.
 
     Parameters
     ----------
@@ -187,13 +187,13 @@ def painleve_mu(
 ) -> float:
     """Find the mu above which a method's contact force is not unique (Painleve's paradox).
 
-    There a divisor of the method's slip is zero. Onsets of flutter are something else (`flutter_onsets`).
+    At this mu a divisor of the slip law vanishes. It is not an onset of flutter (`flutter_onsets`).
 
     Parameters
     ----------
     rig : Rig
     theta : float
-        Degrees; its sign does not matter, for both directions of slip are looked at.
+        Degrees; its sign does not matter, because both directions of slip are examined.
     method, options, **keywords
         As in `fivcore.simulate`; numerical damping, cut-off, step, `modify` and beta2 have an effect.
 

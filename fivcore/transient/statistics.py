@@ -1,8 +1,8 @@
-"""Data that the methods hand to the observers: counters of a run, and segments of samples, rows and long sticks.
+"""Data that the methods pass to the observers: counters of a run, and segments of samples, rows and long sticks.
 
-Counters are fields of each method's own record. Kernels call `count_step` in every step and `enter` where the
-contact state changes, and never read a counter for anything that decides the motion. Times are in seconds since
-the drive started, weights are durations.
+Counters are fields of the record of each method. Kernels call `count_step` in every step and `enter` when the
+contact state changes; the motion never depends on a counter. Times are in seconds since the drive started, weights
+are durations.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from fivcore.jit import Array, contracted, inlined
 # Contact states, as in a record's `state`; statistics start SETTLING after the first slip, s.
 SEPARATION, STICK, SLIP = 0, 1, 2
 SETTLING = 0.1
-# Times, NaN where there is none: first slip, first separation, begin of the present stick (none before first slip)
+# Times, NaN if there is none: first slip, first separation, start of the present stick (none before first slip)
 # and of the last long one, start of the statistics, its delay after the first slip (NaN: the start is given), and
-# the shortest long stick.
+# shortest duration of a long stick.
 EVENTS = ("first_slip", "first_separation", "stick_start", "last_stick", "settled_from", "settling", "least_stick")
 # After settling: integral and maximum of N, maximum of |slip rate|, contact transitions, time in each state ...
 SETTLED = ("sum_N", "max_N", "max_slip", "switches", "separation_time", "stick_time", "slip_time")
@@ -33,7 +33,8 @@ SAMPLED_COUNTERS = ("stick_time", "separation_time", "sum_N", "switches")
 SAMPLE = 3 + len(SAMPLED_COUNTERS)
 # Series and their columns in the rows, whose first column is the time.
 SERIES = {"velocity_B": 1, "normal_force": 2, "tangential_force": 3, "slip_velocity": 4, "state": 5}
-# Of these each of several contacts has its own in further columns: those of all contacts for the first, and so on.
+# With several contacts further columns hold these series contact by contact: the first one of all contacts, and so
+# on.
 CONTACT_SERIES = ("normal_force", "tangential_force", "slip_velocity", "state")
 
 
@@ -41,9 +42,9 @@ CONTACT_SERIES = ("normal_force", "tangential_force", "slip_velocity", "state")
 class Segment:
     """Results of a segment, normalised (F = 1).
 
-    `samples` (n, SAMPLE) were taken at the times `t` (n,), the last `repeated` times more; `sticks` (k, 2) are
-    start and end of the long sticks that ended; `rows` (m, 6) what is recorded: time, velocity of B, N, T, slip
-    rate and contact state.
+    `samples`, (n, SAMPLE), were taken at the times `t`, (n,), and the last one counts `repeated` times more;
+    `sticks`, (k, 2), are start and end of the long sticks that ended; `rows`, (m, 6), are recorded: time, velocity
+    of B, N, T, slip rate and contact state.
     """
 
     t: Array
@@ -86,19 +87,19 @@ def count_step(run: Any, contact: int, N: float, speed: float, weight: float) ->
 
 @inlined
 def first_counted(settled_from: float, step: float, read_at: float) -> int:
-    """First step that counts: read `read_at` of a step after its start, not before `settled_from`, s.
+    """First step of the statistics: it is sampled at the fraction `read_at`, and not before `settled_from`, s.
 
-    In a tie rounding may not make it the next step: the sample of this one would hold counters not yet cleared.
+    A tie must not be rounded to the next step, because the sample of this step would contain uncleared counters.
     """
     return int(np.ceil(settled_from / step - read_at - 1e-6))
 
 
 @inlined
 def enter(run: Any, was: int, contact: int, t: float) -> bool:
-    """Count a change of the contact state at time t; return whether the caller has a long stick to list.
+    """Count a change of the contact state at time t; return whether the caller must list a long stick.
 
-    Its row is `run.sticks - 1`, from `run.last_stick` to t. Given the array, this function would
-    count references at each call.
+    Its row is `run.sticks - 1`, from `run.last_stick` to t. The array is not passed here, because that would count
+    references at each call.
     """
     run.switches += 1.0
     listed = was == STICK and t - run.stick_start >= run.least_stick and run.sticks < run.stick_room
@@ -107,7 +108,7 @@ def enter(run: Any, was: int, contact: int, t: float) -> bool:
         run.sticks += 1
     if was == STICK:
         run.stick_start = np.nan
-    # The stick that a run begins with is not counted.
+    # The initial stick is not counted.
     if contact == STICK and run.first_slip <= t:
         run.stick_start = t
     elif contact == SLIP and not run.first_slip <= t:
@@ -122,9 +123,9 @@ def enter(run: Any, was: int, contact: int, t: float) -> bool:
 def begin(
     record: Any, settle: float | None, settling: float, least_stick: float, contact: int, time: float = 0.0
 ) -> Any:
-    """Set the counters of a record (1,) to the start of a run at some time, s, in a contact state, and return it.
+    """Initialise the counters of a record (1,) for a run that starts at a time, s, in a contact state; return it.
 
-    Without `settle` statistics start with the run, and anew `settling` after the first slip.
+    Without `settle` the statistics start with the run, and restart `settling` after the first slip.
     """
     for name in EVENTS:
         record[name] = np.nan
@@ -132,7 +133,7 @@ def begin(
         record[name] = 0.0
     record["settled_from"], record["settling"] = (time, settling) if settle is None else (settle, np.nan)
     record["least_stick"] = least_stick
-    # `enter` sees changes only.
+    # `enter` counts changes only.
     if contact == SEPARATION:
         record["first_separation"] = time
     if contact == SLIP:
