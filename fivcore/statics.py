@@ -28,8 +28,8 @@ ROUNDING, ITERATIONS = 1e-9, 500
 # Stiffness of the springs of rigid motions, relative to that at which they move as far as all else.
 SOFT = 1e-2
 # Largest number of contacts for which all sets are compared; size of the sets that are compared after a search.
-# Compliance of trial springs at contacts and at rigid motions, in units of the others; tolerance of forces and
-# gaps of a trial.
+# Regularising springs of a trial, at contacts and at rigid motions, relative to the other terms; relative
+# tolerance of forces and gaps of a trial.
 ALL_SETS, FEW, CONTACT_SPRING, RIGID_SPRING, TRIAL = 8, 4, 1e-12, 1e-8, 1e-6
 # Gap in steady sliding that counts as rounding, so that coincident contacts share their force.
 TOUCHING = 1e-12

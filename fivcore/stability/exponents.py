@@ -306,9 +306,9 @@ def newton_step(
 
 @kernel
 def refined(
-    """A root by Newton steps with deflation of known roots and conjugates, and the length of the last step."""
+    start: complex, known: Complex, p: Array, c: Array, power: float, rows: Array, count: int, inverse: Complex
 ) -> Any:
-    """A root by Newton steps with deflation of known roots and their conjugates, and the length of the last step."""
+    """A root by Newton steps with deflation of known roots and conjugates, and the length of the last step."""
     here, length, last = start, 0.0, np.inf
     for turn in range(30):
         step, crowd = newton_step(here, p, c, power, rows, count, inverse), 0j
