@@ -8,23 +8,23 @@ from scipy import linalg, optimize
 from fivcore.finite_elements import refined
 from fivcore.jit import Array
 
-# Share of the band in which tied modes, which have parts of modes that are not computed, can have the ratios
-# given.
+# Fraction of the band in which tied modes can attain given ratios; above it they involve modes that are not
+# computed.
 BAND_SHARE = 0.8
-# Weight of the tied modes above, and of the ratios of the free modes. With it the tied ratios below are within
-# 0.8 % on the paper's rig with 11 to 361 modes, and no free mode has more than 1.6 times the ratio; with a tenth
-# of it 0.5 %, but free modes without damping; without it, up to 18 times the ratio.
+# Weight of the tied modes above that fraction, and of the ratios of the free modes. With it the tied ratios below
+# are within 0.8 % on the paper's rig with 11 to 361 modes, and no free mode has more than 1.6 times the ratio. A
+# tenth of it gives 0.5 % but free modes without damping; a weight of 0 gives up to 18 times the ratio.
 WEIGHT = 1e-2
 
 
 def tied_modes(stiffness: Array, gaps: Array, static: int) -> tuple[Array, Array]:
     """Squared angular frequencies, rad2/s2, (k,), ascending, and shapes in the computed modes, (m, k).
 
-    `stiffness` (n,) and `gaps` (2, n), kg^-1/2, are of all modes; the last ones, `static` of them, are springs.
+    `stiffness`, (n,), and `gaps`, (2, n), kg^-1/2, include all modes; the last `static` ones act as springs.
     """
     m = len(stiffness) - static
     springs = gaps[:, m:] / np.sqrt(stiffness[m:])
-    # Gaps that no spring lets move, and the extensions of the springs that close the others.
+    # Gaps without spring compliance, and spring extensions that close the others.
     rigid = linalg.null_space(springs.T).T @ gaps[:, :m] if static else gaps
     stretch = np.linalg.pinv(springs) @ gaps[:, :m]
     held = linalg.null_space(rigid / np.abs(rigid).max(axis=1, keepdims=True)) if len(rigid) else np.eye(m)
@@ -41,8 +41,8 @@ def tied_ratios(damping: Array, values: Array, shapes: Array) -> Array:
 def fitted(ratios: Array, stiffness: Array, values: Array, shapes: Array) -> Array:
     """Damping of the computed modes, 1/s, (m,), that gives the tied ones these ratios, (k,).
 
-    Nonnegative least squares of the relative errors of ratios to first order. Of all damping that fits, it is the
-    one nearest to the same ratios in the free modes.
+    Nonnegative least squares of the relative errors of first-order ratios. Among all damping that fits, the result
+    is closest to the same ratios in the free modes.
     """
     if not ratios.any():
         return np.zeros(len(stiffness))

@@ -6,19 +6,19 @@ from typing import Any
 
 
 class InputError(ValueError):
-    """An argument cannot be used; the message names it, its value and what would do."""
+    """An invalid argument; the message names it, its value and the allowed values."""
 
 
 class UnsolvedError(ArithmeticError):
-    """Roots could not be separated or followed with certainty; the message says where."""
+    """Roots or cycles could not be isolated or followed reliably; the message says where."""
 
 
 class NoVibrationError(UnsolvedError):
-    """The motion that is searched for a limit cycle is stuck or slides steadily."""
+    """The motion near which a limit cycle is sought is stuck or slides steadily."""
 
 
 class SceneError(RuntimeError):
-    """A transient without an answer; `scene` is the `Scene` of it."""
+    """A transient that has no result; `scene` is its `Scene`."""
 
     def __init__(self, message: str, scene: Any = None) -> None:
         super().__init__(message)
@@ -30,11 +30,11 @@ class ContactError(SceneError):
 
 
 class SceneValueError(SceneError, InputError):
-    """An option of the run has a value that does not suit this scene, which shows only once its model is made."""
+    """An option does not suit the scene, which only the construction of its model reveals."""
 
 
 class DivergenceError(SceneError):
-    """The motion left the range of numbers."""
+    """The motion exceeded the range of floating-point numbers."""
 
 
 class FixedContactWarning(UserWarning):
@@ -46,11 +46,11 @@ class OutOfBandWarning(UserWarning):
 
 
 class DampingWarning(UserWarning):
-    """No damping by mode gives the tied modes of a structure the ratios that were asked for."""
+    """No modal damping gives the tied modes of a structure the requested damping ratios."""
 
 
 class ThinnedWarning(UserWarning):
-    """A run is so long that some of its statistics are those of parts of it."""
+    """A run is so long that some of its statistics use only parts of it."""
 
 
 # The band of `OutOfBandWarning`, Hz; the largest share of P2's length that P2 may move without a warning.

@@ -19,21 +19,21 @@ from fivcore.jit import Array
 DENSE_SIZE = 600
 # Stiffness of a static mode, in units of the largest one.
 STATIC = 1e12
-# Vectors of a block of the Lanczos method; share of the modes up to which it is used, for it needs about
-# three times as many vectors as it finds modes; residual of a mode that has converged.
+# Block size of the Lanczos method; fraction of the modes up to which it is used, because it needs about three
+# times as many vectors as modes; residual of a converged mode.
 WIDTH, SPARSE_SHARE, CONVERGED = 8, 0.25, 1e-10
-# What is left of a direction, relative to it, that is rounding; error of a factorisation, relative to its terms,
-# up to which its pivots count.
+# Relative size of an orthogonalised direction that counts as rounding; relative error of a factorisation up to
+# which its pivots are reliable.
 ROUNDED_OFF, SOUND = 1e-12, 1e-10
-# Memory that modes may take, GB.
+# Largest memory for modes, GB.
 MEMORY = 16.0
-# Strain energy of a rigid motion, in units of EPS |x|^T |K| |x|, at most: equal elements round alike, so that free
-# plates have up to 0.5, and an element's own formulas may round a few times as much.
+# Largest strain energy of a rigid motion, in units of EPS |x|^T |K| |x|. Since equal elements round alike, free
+# plates have up to 0.5; the formulas of an element may round a few times as much.
 RIGID = 8.0
 
 
 def checked_matrix(name: str, value: Any, n: int | None) -> Any:
-    """A symmetric matrix, sparse if it was."""
+    """Check and return a symmetric matrix; it stays sparse."""
     matrix = checks.square_matrix(name, value, n)
     free = free_rows(matrix) if name == "stiffness" else np.full(matrix.shape[0], True)
     part = matrix if free.all() else matrix[free][:, free]
@@ -46,7 +46,7 @@ def checked_matrix(name: str, value: Any, n: int | None) -> Any:
 
 
 def free_rows(K: Any) -> NDArray[np.bool_]:
-    """Degrees of freedom that are not held, (n,); a held one is so stiff that others round off."""
+    """Mask of the unconstrained degrees of freedom, (n,); constrained ones are so stiff that others round off."""
     diagonal = K.diagonal()
     ascending = np.sort(diagonal[diagonal > 0.0])
     jumps = np.flatnonzero(ascending[:-1] < EPS * ascending[1:])
@@ -63,9 +63,9 @@ def lowest_modes(
 ) -> tuple[Array, Array, Array | None, float]:
     """Stiffness and mass-normalised modes up to fmax, Hz; static compliance of the others at `rows`, (3, 3).
 
-    Also the frequency, Hz, up to which motions count as rigid, 0 without one. `names`, (n,), are those of the
-    degrees of freedom in messages. No mode is missing: all are computed, or as many as K - limit M has negative
-    pivots (Sylvester's law of inertia).
+    Also returns the frequency, Hz, up to which motions count as rigid, 0 without rigid motions. `names`, (n,), are
+    the names of the degrees of freedom in messages. Completeness is verified: either all modes are computed, or as
+    many as K - limit M has negative pivots (Sylvester's law of inertia).
     """
     n, limit = M.shape[0], np.inf if fmax is None else (2.0 * np.pi * fmax) ** 2
     _check_mass(M, names)
@@ -76,7 +76,7 @@ def lowest_modes(
         if (size := 24e-9 * n * min(n, 3 * count)) > MEMORY:
             raise InputError(f"fmax = {fmax:g}: the {count} modes below it need {size:.0f} GB; lower it")
     if n > DENSE_SIZE and max(count, WIDTH) < SPARSE_SHARE * n:
-        # A negative shift: the factorised matrix is positive definite, with rigid motions too.
+        # With a negative shift the factorised matrix is positive definite even with rigid motions.
         shift = 1e-3 * limit
         factors = _factorised(K + shift * M)
         if factors.U.diagonal().min() > 0.0:
@@ -97,7 +97,7 @@ def lowest_modes(
     if len(values) == n:
         dropped = rows @ vectors[:, ~kept]
         return values[kept], vectors[:, kept], (dropped / values[~kept]) @ dropped.T, rigid
-    # Forces without the part that the modes bear; each solution has an error of shift / limit of the one before.
+    # Forces orthogonal to the modes; each iteration reduces the error by shift / limit.
     forces = rows.T - M @ (vectors @ (vectors.T @ rows.T))
     solved = np.zeros_like(forces)
     for _ in range(8):
@@ -122,7 +122,7 @@ def _least_motion(factors: Any) -> Array:
 def _count_below(M: Any, K: Any, limit: float) -> tuple[float, int]:
     """A limit just below the one given, and the number of modes below it: the negative pivots of K - limit M.
 
-    Where a mode lies so near the limit that the factorisation is not sound, the limit is lowered further.
+    If a mode is so close to the limit that the factorisation is inaccurate, the limit is lowered further.
     """
     start = np.random.default_rng(0).standard_normal(M.shape[0])
     for nudge in 10.0 ** np.arange(-9.0, -3.0):
@@ -162,7 +162,7 @@ def _block_lanczos(M: Any, solve: Callable[[Array], Array], shift: float, limit:
             continue
         checked = size
         inverse, turn = np.linalg.eigh(small)
-        # Each Ritz value is above a mode of its own, so there are at least as many modes.
+        # Each Ritz value bounds a different mode from above, so there are at least as many modes.
         found = int(np.count_nonzero(1.0 / inverse - shift < limit))
         inverse, turn = inverse[-most:], turn[:, -most:]
         rest = np.linalg.norm((block.T @ (M @ image)) @ turn[known:], axis=0)
@@ -175,7 +175,7 @@ def _block_lanczos(M: Any, solve: Callable[[Array], Array], shift: float, limit:
 
 
 def _orthonormal(M: Any, basis: Array, block: Array, random: np.random.Generator) -> Array:
-    """M-orthonormal directions of a block outside the basis, (n, k); random ones replace those within it."""
+    """M-orthonormal directions of a block, orthogonal to the basis, (n, k); random ones replace dependent ones."""
     block, lost = block[:, : basis.shape[0] - basis.shape[1]], np.array([True])
     for attempt in range(4):
         if attempt > 1 and not lost.any():
@@ -191,7 +191,7 @@ def _orthonormal(M: Any, basis: Array, block: Array, random: np.random.Generator
 
 def _ritz(K: Any, vectors: Array) -> tuple[Array, Array]:
     """Rayleigh-Ritz: stiffness and modes within a span of modes."""
-    # The elastic forces of a low mode nearly cancel, so they are summed in extended precision where there is one.
+    # Elastic forces of a low mode nearly cancel, so they are summed in extended precision if available.
     small = vectors.T @ (K.astype(np.longdouble) @ vectors).astype(float)
     values, turn = np.linalg.eigh(0.5 * (small + small.T))
     return values, vectors @ turn
@@ -240,10 +240,10 @@ def _check_mass(M: Any, names: Any) -> None:
 
 
 def static_modes(compliance: Array, largest: float) -> tuple[Array, Array, Array, Array]:
-    """Stiffness, normal and tangential shapes and load of modes, at most 2 c, with a static compliance.
+    """Stiffness, normal and tangential shapes and load of at most 2 c modes with a given static compliance.
 
-    Its rows are those of c normal gaps, as many tangential ones, and the load. Their frequencies are so far above
-    all others that their dynamic compliance differs from the static one by 1e-12 at the highest frequency.
+    Rows of `compliance` are c normal gaps, c tangential gaps and the load. The frequencies of these modes are so
+    high that their dynamic compliance differs from the static one by 1e-12 at the highest other frequency.
     """
     values, vectors = np.linalg.eigh(compliance[:-1, :-1])
     kept = values > 1e-9 * max(values.max(), 0.0)

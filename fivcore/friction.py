@@ -94,7 +94,7 @@ def friction_ratio(speed: float, kappa: float, decay_speed: float, rational: flo
 def slip_speed(
     guess: float, ahead: float, S: float, alpha: float, beta: float, gamma: float, mu: float, law: Any
 ) -> tuple[float, float]:
-    """Speed v of a contact that slips, the largest root of v = ahead - S y(v), and mu(v) / mu.
+    """Slip speed v, the largest root of v = ahead - S y(v), and mu(v) / mu.
 
     y = mu(v) N is the force of friction and N = alpha / (beta - gamma mu(v)) the normal force; `ahead` is the
     speed without friction, and `law` is `Friction.law`. Newton's method starts from the guess; if that fails, it

@@ -30,7 +30,7 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
 
 def _labelled(function: Function, options: dict[str, Any]) -> Function:
-    """Leave the options in an attribute: they decide the last bits, and the function's code does not show them."""
+    """Store the options in an attribute: they affect the last bits but are not part of the code."""
     texts = {name: sorted(value) if isinstance(value, set) else str(value) for name, value in options.items()}
     cast(Any, function).compiled_with = texts
     return function
@@ -47,18 +47,18 @@ def kernel(function: Function) -> Function:
 
 def _part(**more: Any) -> Callable[[Function], Function]:
     """Compile a function into the kernels that call it; for Python it stays as it is."""
-    # Without a `fastmath` of its own it would have that of the kernel which happens to need it first.
+    # Without its own `fastmath` it would inherit that of the kernel that compiles it first.
     options = _OPTIONS | {"no_cfunc_wrapper": True} | more
     compiling: Any = register_jitable(**options)
     return lambda function: compiling(_labelled(function, options))
 
 
-# A call of its own, or, where a call would cost more than the body, lines of the caller ...
+# Compiled as a call, or inlined where a call would cost more than the body ...
 called = _part(fastmath=False)
 inlined = _part(fastmath=False, forceinline=True)
-# ... with products and sums that may be fused, in the order written ...
+# ... with fused multiply-add in the order written ...
 contracted = _part(fastmath={"contract"}, forceinline=True)
-# ... or with sums that may be added in any order, too: only these use vector registers. Their width decides the
-# last bits, which are the same on machines of one kind only, like those of eigenvectors.
+# ... or with sums in any order, the only ones that use vector registers. Their width determines the last bits,
+# which therefore agree only between machines of one kind, like those of eigenvectors.
 reordered = _part(fastmath={"reassoc", "contract", "nsz"}, forceinline=True)
 reordered_call = _part(fastmath={"reassoc", "contract", "nsz"})

@@ -1,4 +1,4 @@
-"""Two beams, the rig they make, and one operating point of it (Tables 1 to 3 of the paper).
+"""Beams, the rig that they form, and its operating point (Tables 1 to 3 of the paper).
 
 Meziane, Baillet, Laulagnet, Applied Acoustics 71 (2010) 843-853, called "the paper" throughout.
 """
@@ -102,10 +102,10 @@ VALID = 0.0291
 class ContactModel:
     """Base class of `Rig` and `fivcore.Structure`: a function that takes one takes the other."""
 
-    # Normal force at rest for a unit load, and the unit of the times that a run chooses by itself.
+    # Normal force at rest for a unit load, and the factor of default times of a run.
     preload: Any = 1.0
     time_scale: Any = 1.0
-    # Number of places in which it touches; whether these are several, or one with a gap or a factor of mu.
+    # Number of contacts; whether there are several, or one with a gap or a factor of mu.
     contacts: Any = 1
     several: Any = False
     d1: float
@@ -113,12 +113,12 @@ class ContactModel:
     _repr_html_: Any
 
     def mirrored(self) -> Any:
-        """Return what a mirror along y shows; of a rig that is the same at -theta."""
+        """Return the mirror image with respect to y; a rig is unchanged, because theta changes its sign."""
         return self
 
 
 def one_contact(rig: ContactModel, what: str) -> None:
-    """Raise for a structure with several contacts; `what` needs one, and why."""
+    """Raise an error for a structure with several contacts; `what` says which feature needs one contact."""
     if rig.several:
         places = f"in {rig.contacts} places" if rig.contacts > 1 else "with a gap or a factor of mu"
         raise InputError(f"structure: it touches {places}; {what}")
@@ -136,7 +136,7 @@ def checked_theta(name: str, rig: Any, theta: Any) -> float:
 
 @dataclass(frozen=True)
 class Rig(ContactModel):
-    """Two beams in point contact: P1's tip C rests on P2; P1 rises to its support A, which is free along y.
+    """Two beams in point contact: the tip C of P1 rests on P2, and the support A of P1 above it is free along y.
 
     A bad value is a `ValueError`, naming it and what is allowed.
 
@@ -147,12 +147,12 @@ class Rig(ContactModel):
     contact_position : float
         Distance of the contact point D from P2's clamp, m; default: 80 mm (section 3.2 of the paper).
     head_mass : float
-        Concentrated mass M_A at A, kg. The default makes the first tied mode 16 Hz with the contact at
-        85 mm, where alone the paper's Table 4 is found again; `tune_head_mass` computes it.
+        Concentrated mass M_A at A, kg. With the default the first tied mode has 16 Hz with the contact at 85 mm,
+        the only position that reproduces Table 4 of the paper; `tune_head_mass` computes it.
     d1, d2 : float
         Rayleigh damping C = d1 M + d2 K, in 1/s and s (Table 3).
     point_b : float
-        Where the velocity of P1 is read, as a fraction of its length from C. The paper does not say;
+        Observation point B of the velocity of P1, as a fraction of its length from C. The paper does not give it;
         the default is mid-length.
     """
 
@@ -182,9 +182,10 @@ class Rig(ContactModel):
     def valid_up_to(self) -> float:
         """Frequency up to which the beam model holds, Hz: 47 kHz for the paper's rig.
 
-        There Euler-Bernoulli theory carries the bending waves of P1 or P2, 7.9 thicknesses long, 10 % faster than
-        Timoshenko's (K. F. Graff, Wave Motion in Elastic Solids, 1975; shear coefficient 5/6, Poisson ratio 0.3).
-        Modes above it take part in the contact, but growth at such a frequency may be an error of the model.
+        At this frequency bending waves of P1 or P2 are 7.9 thicknesses long, and their speed in Euler-Bernoulli
+        theory is 10 % higher than in Timoshenko's (K. F. Graff, Wave Motion in Elastic Solids, 1975; shear
+        coefficient 5/6, Poisson ratio 0.3). Modes above it take part in the contact, but growth there may be an
+        artefact of the model.
         """
         speeds = [(beam, (beam.young_modulus / beam.density) ** 0.5) for beam in (self.p1, self.p2)]
         return min(VALID * speed / beam.thickness for beam, speed in speeds)
@@ -206,7 +207,7 @@ class Rig(ContactModel):
         Raises
         ------
         ValueError
-            For a name that there is not, or a value out of range.
+            For an unknown name or a value out of range.
         """
         beams: dict[str, Any] = dict(PAPER)
         own: dict[str, Any] = {}
@@ -239,7 +240,7 @@ class Rig(ContactModel):
 
 
 def _changed(name: str, beam: Beam, changes: Any) -> Beam:
-    """A beam with some other parameters; a message names them as parameters of the rig."""
+    """A beam with changed parameters; error messages name them as parameters of the rig."""
     if not isinstance(changes, Mapping) or not set(changes) <= set(BEAM_PARAMETERS):
         raise InputError(
             f"{name} = {checks.short(changes)}: it must be a Beam, or some of {', '.join(BEAM_PARAMETERS)}"
@@ -273,10 +274,10 @@ class Scene:
     F : float
         Load on A along -y, N.
     rig : Rig or Structure
-        With a `fivcore.Structure`, whose modes have their inclination, theta is 0; V is along its tangential
-        gap, and F is its load.
+        With a `fivcore.Structure`, whose modes include its inclination, theta is 0; V is along the tangential gap,
+        and F scales its load.
     friction : Friction
-        How friction depends on the sliding speed; mu is the static coefficient. Default: it does not.
+        Dependence of friction on the sliding speed; mu is the static coefficient. Default: constant.
     """
 
     V: float
@@ -312,5 +313,5 @@ class Scene:
 
     @property
     def drive_theta(self) -> float:
-        """Inclination seen from the drive, degrees, sign(V) theta: stability knows V only through it."""
+        """Inclination seen from the drive, sign(V) theta, degrees; stability depends on V only through it."""
         return self.theta if self.V > 0 else -self.theta

@@ -48,11 +48,11 @@ def equilibrium(scene: Scene, about: str = "sliding") -> Array:
 def model_exponents(
     scene: Scene, cutoff: float | None = None, numerical_damping: str = "none", method: str = "fast"
 ) -> NDArray[Any]:
-    """Exponents of small motions about steady sliding of the model that `simulate` moves, 1/s.
+    """Exponents of small motions about steady sliding of the reduced model of `simulate`, 1/s.
 
-    It has the numerical damping of its options, or none, and modes up to its cut-off, far above the band of
-    `sliding_modes`. In rigid contact there are none, as only rounding holds the gap of a lasting contact, nor with
-    several contacts.
+    The model has the numerical damping of the options and modes up to its cut-off, far above the band of
+    `sliding_modes`. The result is empty for rigid contact, in which only rounding holds the gap of a lasting
+    contact, and for several contacts.
     """
     rig = with_numerical_damping(scene.rig, method, numerical_damping)
     model = reduced_model(rig, scene.drive_theta, cutoff)

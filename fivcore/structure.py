@@ -1,16 +1,16 @@
-"""A structure in modal form, as stability and motion need it: a rig's beams, or matrices and modes of one's own.
+"""Structure in modal form for stability and motion: the beams of a rig, or a user's matrices or modes.
 
-With mass-normalised modal coordinates q, the normal and tangential gaps g_N = n q and g_T = t q - X (X: the motion
+With mass-normalised modal coordinates q, normal and tangential gaps g_N = n q and g_T = t q - X (X: displacement
 of the drive), contact forces N and T and the load F,
 
     q'' + c q' + p q = n N + t T + l F + m X''.
 
-Modes that a finite-element model has beyond those that are computed act by their static compliance: two modes far
-above all others have it (`static_modes`). Stability needs the modes of its band, motion those that take part in
-impacts: from matrices, `MOTION_MODES` modes that move the gaps.
+The modes of a finite-element model that are not computed act by their static compliance, which two additional
+modes far above all others represent (`static_modes`). Stability needs the modes of its band. Motion needs those
+that take part in impacts: of a structure from matrices, `MOTION_MODES` modes that move the gaps.
 
-A structure may touch in c places: then n and t have c rows, and each contact has an initial gap and a factor of
-mu. Which contacts the load closes is a result (`equilibrium`).
+A structure may have c contacts. Then n and t have c rows, and each contact has an initial gap and a factor of mu.
+Which contacts the load closes is a result (`equilibrium`).
 """
 
 from __future__ import annotations
@@ -48,46 +48,47 @@ from fivcore.rig import ContactModel, Rig, html_table
 from fivcore.statics import resting
 from fivcore.structure_files import structure_arguments
 
-# Frequency at which times and bands are those of the beams, Hz.
+# Frequency, Hz, at which default times and bands equal those of the beams.
 MIDDLE = 5e3
-# Share of its products up to which the normal force at rest is rounding: of a pin on soft springs, loaded at its
-# far end, 1e-9 to 1e-7 with 4 to 80 elements, and 3e-5 on processors without long double.
+# Normal force at rest, relative to the sum of its terms, that counts as rounding. For a pin on soft springs that
+# is loaded at its far end rounding is 1e-9 to 1e-7 with 4 to 80 elements, and 3e-5 on processors without long
+# double.
 PRESSED = 1e-4
 ROWS = ("stiffness", "damping", "normal", "tangential", "inertia", "output", "load", "struck")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Structure(ContactModel, ReadOnlyArrays):
-    """Modes of a structure as its contact, its load and its drive see them; arrays are read-only, SI.
+    """Modes of a structure with their coupling to contact, load and drive; arrays are read-only, SI units.
 
-    Made by `from_matrices`, `from_modes`, `read` or `of`. Equal structures have the same `digest`.
+    Constructed by `from_matrices`, `from_modes`, `read` or `of`. Equal structures have the same `digest`.
 
     Attributes
     ----------
     stiffness, damping : ndarray, (n,)
         Squared angular frequencies, rad2/s2, 0 for a rigid motion; damping, 1/s.
     normal, tangential : ndarray, (n,), or (c, n) with several contacts
-        What a unit of each modal coordinate adds to the normal and the tangential gap, kg^-1/2.
+        Gap shapes: change of the normal and tangential gaps for a unit of each modal coordinate, kg^-1/2.
     inertia, output, load : ndarray, (n,)
-        Modal force for a unit acceleration of the drive; velocity that is observed; modal forces of a unit load.
+        Modal force for a unit acceleration of the drive; shape of the observed displacement; modal unit load.
     struck : ndarray, (n,)
-        `normal` of the bodies that the load acts on, which a knock moves.
+        `normal` restricted to the bodies that the load acts on, which a knock sets in motion.
     rayleigh : (float, float) or None
-        d1, 1/s, and d2, s, with damping = d1 + d2 stiffness; None: modal damping.
+        d1, 1/s, and d2, s, if damping = d1 + d2 * stiffness; None: modal damping.
     static : int
-        How many modes, the last ones, are there for the static compliance of those that are not computed.
+        Number of modes, the last ones, that represent the static compliance of the modes that are not computed.
     remarks : tuple of str
-        What was left out.
+        What was neglected.
     cutoff : float or None
-        Default cut-off of motion, Hz; None: the highest mode.
+        Default cut-off of motion, Hz; None: all modes are kept.
     wider : Structure or None
-        The structure for motion, where that needs more modes than stability.
+        The structure for motion, if that needs more modes than stability.
     gap, friction : ndarray, (c,), or None
-        Of several contacts: initial gaps, m, and factors of mu; None with one contact.
+        Initial gaps, m, and factors of mu of several contacts; None with one contact.
     nodes, numbers, shapes, edges : ndarray, (k, 3), (k,), (k, 3, m), (e, 2), or None
-        Kept on request: positions of nodes, m, their numbers, their displacement in each computed mode, kg^-1/2,
-        and indices of pairs of nodes that the stiffness connects, none of a full matrix. They have no part in
-        `digest`: stability and motion depend on the contact alone.
+        Stored on request: positions of nodes, m, node numbers, displacement in each computed mode, kg^-1/2, and
+        index pairs of nodes that the stiffness connects (none for a full matrix). They do not enter `digest`,
+        because stability and motion depend on the contact alone.
     """
 
     stiffness: Array
@@ -135,38 +136,38 @@ class Structure(ContactModel, ReadOnlyArrays):
         node_numbers: Any = None,
         node_shapes: Any = None,
     ) -> Structure:
-        """Take mass-normalised modes; all that the structure has, so that the surfaces touch rigidly.
+        """Construct a structure from mass-normalised modes, which are complete, so that the contact is rigid.
 
         Parameters
         ----------
         frequency : array_like, (n,)
             Hz, of the structure with its contact open; 0 for a rigid motion.
         normal, tangential : array_like, (n,) or (c, n)
-            What a unit of each modal coordinate adds to the gaps, kg^-1/2: the normal one opens, the tangential
-            one is the motion of the structure's surface along the drive. A row for each of c contacts.
+            Gap shapes, kg^-1/2: `normal` is positive in opening, `tangential` is the displacement of the surface
+            along the drive. One row for each of c contacts.
         load : array_like, (n,)
             Modal forces of a unit load, kg^-1/2.
         output : array_like, (n,), optional
-            Displacement that is observed as B. Default: the tangential gap.
+            Shape of the observed displacement (point B). Default: the tangential gap.
         drive : array_like, (n,), optional
-            Modal masses of a base that moves, kg^1/2: coordinates are relative to it, and its acceleration acts as
-            a force, -drive times it. Default: a rigid surface slides past at V.
+            Participation factors of a moving base, kg^1/2: coordinates are relative to the base, whose
+            acceleration acts as the modal force -drive * acceleration. Default: a rigid surface slides past at V.
         d1, d2 : float
             Rayleigh damping, 1/s and s.
         damping_ratio : float or array_like, (n,), optional
-            Damping ratios of these modes, in addition. Those of tied modes: `damped`.
+            Additional damping ratios of these modes. For ratios of tied modes use `damped`.
         gap, friction : float or array_like, (c,), optional
-            Of several contacts: initial gaps, m, 0 where they touch without load (default), positive where they
-            are open; factors of the coefficient of friction. Default: 0 and 1.
+            Initial gaps of several contacts, m, 0 for contacts that touch without load, positive for open ones;
+            factors of the coefficient of friction. Default: 0 and 1.
         node_positions, node_shapes : array_like, (k, 3) and (k, 3, n), optional
-            Positions of nodes, m, and their displacement in each mode, kg^-1/2, which are kept.
+            Positions of nodes, m, and their displacement in each mode, kg^-1/2, for `displacement`.
         node_numbers : array_like of int, (k,), optional
-            Their numbers in files; from 1 by default.
+            Node numbers in files. Default: from 1.
 
         Raises
         ------
         ValueError
-            Naming the argument, its value and what is allowed, or the motion that nothing holds.
+            Names the argument, its value and the allowed values, or the motion that is not constrained.
         """
         omega = 2.0 * np.pi * row_of("frequency", frequency, None)
         if np.any(omega < 0.0):
@@ -212,44 +213,45 @@ class Structure(ContactModel, ReadOnlyArrays):
     ) -> Structure:
         """Compute the modes of a finite-element model with its contact open.
 
-        Modes up to `fmax` are computed, all of them where there are at most 600 degrees of freedom and no `fmax`;
-        the others act by their static compliance at contact and load. Larger models are solved by shift and
-        invert, and no mode is missing: there are as many as stiffness - (2 pi fmax)^2 mass has negative pivots. A
-        motion is rigid if its strain energy is within rounding of the stiffness; a remark says up to which
-        frequency. Degrees of freedom beside whose stiffness all others are rounding, as with Abaqus' 1e36, are
-        held and left out.
+        Modes up to `fmax` are computed, or all modes if there are at most 600 degrees of freedom and no `fmax`.
+        The other modes act by their static compliance at contact and load. Larger models are solved by
+        shift-invert Lanczos, and the number of modes is verified by the number of negative pivots of stiffness -
+        (2 pi fmax)^2 mass. A motion is rigid if its strain energy is within the rounding of the stiffness; a
+        remark gives the corresponding frequency. Degrees of freedom that are so stiff that all other stiffnesses
+        are rounding, such as the 1e36 of Abaqus, are constrained and eliminated.
 
         Parameters
         ----------
         mass, stiffness : array_like or sparse, (n, n)
             Symmetric, kg and N/m (or kg m2 and N m); mass positive definite, stiffness semidefinite.
         normal, tangential, load, output, drive : array_like, (n,), or dict {dof: weight}
-            As for `from_modes`, as rows over the degrees of freedom; `drive` is mass times the motion of all for a
-            unit motion of the base. Of several contacts `normal` and `tangential` are lists of rows.
+            As for `from_modes`, as rows over the degrees of freedom; `drive` is the mass matrix times the rigid
+            motion for a unit motion of the base. With several contacts `normal` and `tangential` are lists of
+            rows.
         damping : array_like or sparse, (n, n), optional
-            N s/m. The diagonal in modal coordinates is used; `remarks` says what is left out.
+            N s/m. Its diagonal in modal coordinates is used; `remarks` quantifies the neglected coupling.
         d1, d2, damping_ratio, gap, friction :
             As for `from_modes`.
         fmax : float, optional
             Highest frequency of a mode for stability, Hz. Default: 10 kHz for more than 600 degrees of freedom.
-            For motion as many modes are computed as it needs (`wider`).
+            Motion uses as many modes as it needs, independent of `fmax` (`wider`).
         names : sequence of str, (n,), optional
-            What messages call the degrees of freedom. Default: "degree of freedom 7", from 0.
+            Names of the degrees of freedom in messages. Default: "degree of freedom 7", from 0.
         node_positions : array_like, (k, 3) or (k, 2), optional
-            Positions of nodes, m. With them the eigenvectors are kept (`shapes`), and `displacement` brings modes
-            back to the nodes.
+            Positions of nodes, m. If given, eigenvectors are stored (`shapes`), and `displacement` maps modal
+            coordinates to nodes.
         node_numbers : array_like of int, (k,), optional
-            Their numbers in files; from 1 by default.
+            Node numbers in files. Default: from 1.
         node_rows : array_like of int, (k, 3) or (k, 2), optional
-            The degrees of freedom along x, y and z of each node, -1 where there is none. Default: those of a node
-            follow each other, and as many belong to each.
+            Degrees of freedom along x, y and z of each node, -1 if there is none. Default: each node has the same
+            number of consecutive degrees of freedom.
 
         Raises
         ------
         ValueError
-            Naming the argument, its value and what is allowed, or the motion that nothing holds.
+            Names the argument, its value and the allowed values, or the motion that is not constrained.
         ArithmeticError
-            Where the modes that were found are not as many as there are.
+            If the number of modes found differs from the verified number.
         """
         M = checked_matrix("mass", mass, None)
         n = M.shape[0]
@@ -289,7 +291,7 @@ class Structure(ContactModel, ReadOnlyArrays):
                 found = replace(found, struck=moved.reshape(found.normal.shape))
             if kept is not None and top == band:
                 nodes, numbers, dofs, edges = kept
-                # Held degrees of freedom, and those that are not there, do not move.
+                # Constrained and missing degrees of freedom do not move.
                 whole = np.zeros((n + 1, len(values)))
                 whole[:-1][free] = vectors[:, np.argsort(values, kind="stable")]
                 found = replace(found, nodes=nodes, numbers=numbers, shapes=whole[dofs], edges=edges)
@@ -299,14 +301,14 @@ class Structure(ContactModel, ReadOnlyArrays):
 
     @classmethod
     def read(cls, path: str | Path) -> Structure:
-        """Read a TOML file that names the files of matrices or modes, or holds the modes (`README.md`)."""
+        """Read a TOML file that names files of matrices or modes, or contains the modes (`README.md`)."""
         kind, arguments = structure_arguments(Path(path))
         structure: Structure = getattr(cls, kind)(**arguments)
         return structure
 
     @cached_property
     def digest(self) -> str:
-        """Digest of all numbers, and of the law of damping, by which stability is computed."""
+        """Digest of all numbers and of the damping law, which determine stability and motion."""
         content = np.vstack([getattr(self, name) for name in ROWS]).tobytes()
         content += np.array(self.rayleigh or (np.nan, np.nan)).tobytes()
         content += b"".join(each.tobytes() for each in (self.gap, self.friction) if each is not None)
@@ -324,7 +326,7 @@ class Structure(ContactModel, ReadOnlyArrays):
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Structure:
         """The structure of `to_dict`."""
-        # Earlier ones may be without `struck`, `cutoff` and `wider`, and those with one contact have no gap.
+        # Older dictionaries may lack `struck`, `cutoff` and `wider`; those with one contact have no gap.
         given = {"cutoff": None, "wider": None} | dict(content)
         given["struck"] = given["normal"] if given.get("struck") is None else given["struck"]
         rows: Any = {name: np.array(given[name], float) for name in ROWS}
@@ -368,19 +370,19 @@ class Structure(ContactModel, ReadOnlyArrays):
 
     @property
     def contacts(self) -> int:
-        """Number of places in which the structure touches."""
+        """Number of contacts."""
         return 1 if self.gap is None else len(self.gap)
 
     @property
     def several(self) -> bool:
-        """Whether these are several, or one with an initial gap or a factor of mu."""
+        """Whether there are several contacts, or one with an initial gap or a factor of mu."""
         return self.gap is not None
 
     def equilibrium(self, F: float = 1.0) -> tuple[Array, Array]:
         """Normal forces, N, and gaps, m, of the contacts, each (c,), at rest under the load F, N, with T = 0.
 
-        Of one contact, which the load closes, the force is F times the preload. Where it closes none this is an
-        `InputError`.
+        With one contact, which the load closes, the force is F times the preload. Raises `InputError` if the load
+        closes no contact.
         """
         if self.gap is None:
             return np.array([F * self.preload]), np.zeros(1)
@@ -391,9 +393,9 @@ class Structure(ContactModel, ReadOnlyArrays):
 
     @cached_property
     def preload(self) -> float:
-        """Normal force at rest with T = 0 for a unit load, from g_N = 0; an `InputError` where there is none.
+        """Normal force at rest for a unit load with g_N = 0 and T = 0; an `InputError` if it vanishes.
 
-        Of several contacts, all contact forces for initial gaps of zero.
+        With several contacts, the sum of the contact forces for initial gaps of zero.
         """
         force, rounding = self._normal_force
         if abs(force) <= rounding:
@@ -402,7 +404,7 @@ class Structure(ContactModel, ReadOnlyArrays):
 
     @property
     def _normal_force(self) -> tuple[float, float]:
-        """The preload, and what of it may be rounding."""
+        """The preload and its possible rounding error."""
         rigid = self.stiffness == 0.0
         if self.gap is not None:
             return float(resting(self.stiffness, self.normal, self.load, 0.0 * self.gap)[0].sum()), 0.0
@@ -414,7 +416,7 @@ class Structure(ContactModel, ReadOnlyArrays):
 
     @cached_property
     def time_scale(self) -> float:
-        """Unit of the times that a run chooses by itself, such as of segments and samples; 1 for the beams."""
+        """Factor of all default times of a run, such as segments and sampling intervals; 1 for the beams."""
         elastic = self.frequency[self.frequency > 0.0]
         return MIDDLE / float(np.clip(MIDDLE, elastic.min(), elastic.max())) if len(elastic) else 1.0
 
@@ -427,34 +429,34 @@ class Structure(ContactModel, ReadOnlyArrays):
         return np.einsum("kdm,...m->...kd", self.shapes, np.asarray(modal))
 
     def with_stiffness_damping(self, added: float) -> Structure:
-        """With `added` s more stiffness damping."""
+        """The structure with additional stiffness damping, s."""
         own = self.stiffness * (np.arange(len(self.stiffness)) < len(self.frequency))
         rayleigh = None if self.rayleigh is None else (self.d1, self.d2 + added)
         wider = self.wider and self.wider.with_stiffness_damping(added)
         return replace(self, damping=self.damping + added * own, rayleigh=rayleigh, wider=wider)
 
     def with_gap(self, gap: Array) -> Structure:
-        """With other initial gaps of its several contacts, m."""
+        """The structure with other initial gaps of its contacts, m."""
         return replace(self, gap=gap, wider=self.wider and self.wider.with_gap(gap))
 
     def truncated(self) -> Structure:
-        """Without the static compliance of the modes that are not computed."""
+        """The structure without the static compliance of the modes that are not computed."""
         rows: Any = {name: getattr(self, name)[..., : len(self.frequency)] for name in ROWS}
         return replace(self, **rows, static=0, wider=self.wider and self.wider.truncated())
 
     def mirrored(self) -> Structure:
-        """The structure seen in a mirror across the drive."""
+        """The mirror image of the structure with respect to the direction of the drive."""
         turned = {name: -getattr(self, name) for name in ("tangential", "inertia", "output")}
         return replace(self, **turned, wider=self.wider and self.wider.mirrored())
 
     @property
     def motion(self) -> Structure:
-        """The structure with the modes that motion has."""
+        """The structure with the modes used for motion."""
         return self.wider or self
 
     @cached_property
     def reaching(self) -> Structure:
-        """With a cut-off for motions that grow above GROWTH_REACH of the usual one, if more modes are known."""
+        """The structure with the higher cut-off for growth near the usual one, if it has enough modes."""
         if self.cutoff is None or self.wider:
             return replace(self, cutoff=None) if self.wider and self.wider.static else self
         m = len(self.frequency)
@@ -463,9 +465,9 @@ class Structure(ContactModel, ReadOnlyArrays):
         )
 
     def receptances(self, frequency: Any, mu: float = 0.0, contact: int = 0) -> Any:
-        """Gaps for a unit normal force with T = mu N at frequencies, Hz: h_NN + mu h_NT and h_TN + mu h_TT.
+        """Receptances h_NN + mu h_NT and h_TN + mu h_TT, m/N, at frequencies, Hz: gaps for N = 1 and T = mu N.
 
-        Of several contacts, gaps and force of one, by number from 0.
+        With several contacts, gaps and force of the one with index `contact`, from 0.
         """
         phi = 2j * np.pi * np.asarray(frequency, dtype=float)[..., None]
         normal, tangential = (np.atleast_2d(row)[contact] for row in (self.normal, self.tangential))
@@ -473,17 +475,18 @@ class Structure(ContactModel, ReadOnlyArrays):
         return (response * normal).sum(axis=-1), (response * tangential).sum(axis=-1)
 
     def damped(self, damping_ratio: Any, of: str = "tied") -> Structure:
-        """Replace the damping by ratios of the modes with the contact tied in both directions, or free.
+        """Replace the damping by given ratios of the modes with the contact tied in both directions, or free.
 
-        Measured ratios are those of the assembled, tied structure. Modal damping that gives them is found by
-        least squares, first of all for tied modes below 0.8 of the highest frequency computed; `tied_damping` has
-        what came of it. `damping_ratio` is one number, or one for each mode, ascending in frequency.
+        Measured ratios usually belong to the assembled structure with the contact tied. Modal damping is fitted to
+        them by least squares, mainly for tied modes below 0.8 of the highest computed frequency; `tied_damping`
+        returns the ratios achieved. `damping_ratio` is one number, or one for each mode in ascending order of
+        frequency.
 
         Warns
         -----
         DampingWarning
-            If a tied mode below 0.8 of the highest frequency misses its ratio by more than 10 %; a remark says so
-            of those above, too.
+            If the ratio of a tied mode below 0.8 of the highest frequency is missed by more than 10 %. A remark
+            lists all such modes, including those above.
         """
         checks.choice("of", of, ("tied", "free"))
         m, wider = len(self.frequency), self.wider
@@ -508,7 +511,7 @@ class Structure(ContactModel, ReadOnlyArrays):
 
     @property
     def tied_damping(self) -> tuple[Array, Array]:
-        """Frequencies, Hz, and damping ratios, to first order, of the modes with the contact tied, each (k,)."""
+        """Frequencies, Hz, and first-order damping ratios of the modes with the contact tied, each (k,)."""
         values, shapes = tied_modes(self.stiffness, np.vstack([self.normal, self.tangential]), self.static)
         ratios = tied_ratios(self.damping[: len(shapes)], values, shapes)
         return np.sqrt(values) / (2.0 * np.pi), ratios
@@ -517,7 +520,7 @@ class Structure(ContactModel, ReadOnlyArrays):
 @lru_cache(maxsize=64)
 @one_blas_thread()
 def of_beams(rig: Rig, theta: float) -> Structure:
-    """`Structure.of` of checked arguments."""
+    """`Structure.of` for checked arguments."""
     stiffness, normal, tangential = contact_modes(rig, theta)
     upper, lower = rig_bases(rig, theta)
     n1 = len(upper.stiffness)
@@ -533,5 +536,5 @@ def of_beams(rig: Rig, theta: float) -> Structure:
 
 
 def modal_structure(rig: ContactModel, theta: float) -> Structure:
-    """The structure that a rig at `theta`, degrees, or a structure is."""
+    """The structure of a rig at `theta`, degrees; a structure is returned unchanged."""
     return of_beams(rig, theta) if isinstance(rig, Rig) else cast(Structure, rig)

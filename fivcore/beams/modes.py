@@ -1,9 +1,9 @@
 """Modal bases of the two separate beams, and their displacement at the contact.
 
-Two forces at one point are the only coupling between the beams. In the modes of the separate beams everything else
-is diagonal: squared angular frequencies, and how far each mode opens the gap (normal) and shifts it (tangential).
-All modes together are exactly the finite-element model. The gap g_N = y_C - y_D is open when positive,
-g_T = x_C - x_D; N >= 0 and T act on P1 along +y and +x, and the opposite way on P2.
+The beams are coupled only by the two contact forces at one point. In the modes of the separate beams everything
+else is diagonal: squared angular frequencies and the contribution of each mode to the normal and tangential gaps.
+All modes together are equivalent to the finite-element model. The gap g_N = y_C - y_D is open when positive; g_T =
+x_C - x_D. N >= 0 and T act on P1 along +y and +x, and in the opposite directions on P2.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ _blas_lock = threading.RLock()
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Hold BLAS to one thread, since the number of its threads changes the last bits of its results."""
-    # The limit holds for the whole process; under the lock nobody restores it while another still needs it.
+    """Restrict BLAS to one thread, because the number of threads changes the last bits of its results."""
+    # The limit applies to the whole process; the lock prevents its removal while another thread needs it.
     with _blas_lock, _blas.limit(limits=1):
         yield
 
@@ -42,7 +42,7 @@ class Basis(ReadOnlyArrays):
 
     # Squared angular frequencies of the undamped modes, (n,), rad2/s2, ascending within each family.
     stiffness: Array
-    # What a unit of each modal coordinate adds to g_N and to g_T, (n,), kg^-1/2.
+    # Gap shapes: change of g_N and g_T for a unit of each modal coordinate, (n,), kg^-1/2.
     normal: Array
     tangential: Array
     # Undeformed positions x, y relative to the contact point, (nodes, 2), m, from the support on.
@@ -74,8 +74,8 @@ def lower_basis(beam: Beam, contact_position: float) -> Basis:
 def upper_basis(beam: Beam, head_mass: float, theta: float) -> Basis:
     """Modes of P1 alone: x and rotation blocked at A, y free with the head mass, C free; rigid mode first.
 
-    The motion is that of the support, along y, and relative to it that of a cantilever clamped at A. theta enters
-    only here.
+    The motion is that of the support along y plus that of a cantilever clamped at the support. Only this function
+    depends on theta.
     """
     (axial_values, u), (bending_values, w) = cantilever_modes(beam)
     na, total = beam.elements, beam.mass + head_mass
@@ -110,10 +110,10 @@ def contact_modes(rig: Rig, theta: float) -> Array:
 
 
 def residual_flexibility(stiffness: Array, shape: Array) -> Array:
-    """Static flexibility of the gaps, (2, 2), m/N, in modes that a model leaves out: stiffness (n,), shape (2, n).
+    """Residual flexibility of the gaps, (2, 2), m/N, due to truncated modes: stiffness (n,), shape (2, n).
 
-    Row and column 0 belong to the normal, 1 to the tangential direction; of c contacts the first c and the others.
-    A rigid mode is a `ValueError`.
+    Row and column 0 are normal, 1 tangential; with c contacts the first c are normal, the others tangential.
+    Raises `ValueError` for a rigid mode.
     """
     if np.any(stiffness == 0.0):
         raise InputError("stiffness holds 0: the static flexibility of a rigid mode is infinite, so keep it")
@@ -149,12 +149,12 @@ def cantilever_modes(beam: Beam) -> tuple[tuple[Array, Array], tuple[Array, Arra
 
 @kernel
 def supported_modes(own: Array, parts: Array, support: float) -> tuple[Array, Array, Array]:
-    """Modes of a structure whose support, clamped so far, may move in one direction.
+    """Modes of a clamped structure after its support is released in one direction.
 
-    In the modes of the clamped structure that is a rank-one change of the modal mass, from I to I - G G^T /
-    m_total with the participation factors G, so that its squared frequencies are the roots of a secular
-    equation, one above each pole d (Golub, SIAM Review 15, 1973, 318-334). A root is sought as its distance
-    from the nearest pole, which alone tells the shape of the mode (Li, LAPACK Working Note 89, 1993).
+    In the modes of the clamped structure, the release is a rank-one change of the modal mass from I to I - G G^T /
+    m_total with the participation factors G. The squared frequencies are therefore the roots of a secular
+    equation, one above each pole d (Golub, SIAM Review 15, 1973, 318-334). Each root is computed as its distance
+    from the nearest pole, which gives accurate mode shapes (Li, LAPACK Working Note 89, 1993).
 
     `own` (n,) are squared frequencies of the clamped structure, rad2/s2, ascending, `parts` (n,) G, kg^1/2, and
     `support` is m_total less the sum of G^2, kg. Returns squared frequencies, each above its own, displacements of
@@ -234,7 +234,7 @@ def _two_poles(c: float, a: float, b: float) -> float:
 
 
 def _clean(row: Array) -> Array:
-    """Set what is rounding beside the largest entry to zero: there is no coupling, not a tiny one."""
+    """Set entries that are rounding relative to the largest to zero, so that decoupling is exact."""
     return np.where(np.abs(row) > 1e-15 * np.abs(row).max(initial=0.0), row, 0.0)
 
 

@@ -1,9 +1,9 @@
-"""Limit cycles over a parameter: continuation by pseudo-arclength through folds and grazing places.
+"""Limit cycles over a parameter: pseudo-arclength continuation through folds and grazing bifurcations.
 
-A point is all z_i and p, in units of the motion's size and of the parameter's range; a step goes along the tangent
-and is corrected across it (H. B. Keller, in Applications of Bifurcation Theory, 1977, 359-384). Where a margin
-vanishes within a status, or the duration of a status does, the motion grazes. The order of statuses changes there,
-and the branch continues with the new order, in the same direction or back.
+A point consists of all z_i and p, scaled by the size of the motion and the range of the parameter. A predictor
+step along the tangent is corrected perpendicular to it (H. B. Keller, in Applications of Bifurcation Theory, 1977,
+359-384). The motion grazes if a margin vanishes within a status, or if the duration of a status vanishes. There
+the sequence of statuses changes, and the branch continues with the new sequence, in the same direction or back.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 
 # First, least and largest step and iterations of the corrector; relative change of a parameter for a derivative.
 FIRST, LEAST, LARGEST, ITERATIONS, CHANGE = 0.01, 1e-6, 0.1, 10, 1e-6
-# How far a status that vanishes may be followed back in time, in units of the flow's grid.
+# Largest negative duration of a vanishing status, in units of the flow's grid.
 BACKWARDS = 40.0
-# Change of the amplitude that a new order of statuses may make; step before a graze from which on it is sought.
+# Largest change of amplitude at a new sequence of statuses; distance before a graze from which it is sought.
 NEAR, NEAREST = 0.2, 1e-4
 
 
 class Place(NamedTuple):
-    """Where a branch folds, grazes or is born: the parameter, and what happens."""
+    """A point where a branch folds, grazes or starts: the parameter, and what happens."""
 
     value: float
     text: str
@@ -41,7 +41,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CycleBranch:
-    """Cycles along a parameter: their `values` and `cycles`, the `places` on the way, and why it ends."""
+    """Limit cycles along a parameter: `values`, `cycles`, special `places`, and the reason of the `end`."""
 
     parameter: str
     values: Array
@@ -51,7 +51,7 @@ class CycleBranch:
 
 
 class _Point(NamedTuple):
-    """A cycle, its parameter, its linearised equations and the unit tangent, of all starts and of the first."""
+    """A cycle, its parameter, its linearised equations, and the unit tangent in all starts and in the first."""
 
     cycle: LimitCycle
     value: float
@@ -77,18 +77,18 @@ class _Follower:
         try:
             _, beside = self.flow(scene, value + change, flow)
         except InputError:
-            # At the end of what is allowed.
+            # At a limit of the allowed range.
             change = -change
             _, beside = self.flow(scene, value + change, flow)
         return shooting.linearised(flow, segments, plane, beside, change / self.span)
 
     def point(self, cycle: LimitCycle, value: float, old: Array) -> _Point:
-        """A point with its tangent, which has the sense of an old one."""
+        """A point with its tangent, oriented like an earlier one."""
         linear = self.linear(cycle.scene, cycle.flow, value, cycle.segments, cycle.plane)
         return self.made(cycle, value, linear, old)
 
     def made(self, cycle: LimitCycle, value: float, linear: shooting.Linear, old: Array) -> _Point:
-        """A point of linearised equations."""
+        """A point from linearised equations."""
         start, change = bordered(linear, old, 1.0, closing=False)
         z, pairs = np.append(start, 0.0), zip(linear.maps[:-1], linear.offsets, strict=False)
         found = np.append(np.concatenate([M @ z + d[:, 1] * change for M, d in pairs]) / linear.size, change)
@@ -99,7 +99,7 @@ class _Follower:
         try:
             return self._corrected(point, length)
         except (InputError, SceneError, UnsolvedError):
-            # Beyond what a scene allows, or singular.
+            # Outside the allowed range of a scene, or singular.
             return None
 
     def _corrected(self, point: _Point, length: float) -> tuple[_Point, int] | None:
@@ -114,7 +114,7 @@ class _Follower:
             if not linear.residual < 1e3:
                 return None
             gone = np.append((stacked(segments) - begun) / linear.size, (value - point.value) / self.span)
-            # Not if it has jumped to another branch.
+            # Reject a jump to another branch.
             near = float(np.linalg.norm(gone)) < 2.0 * abs(length)
             if linear.residual < shooting.CLOSED:
                 there = made(scene, flow, segments, linear, shooting.plane_at(flow, segments[0]))
@@ -122,7 +122,7 @@ class _Follower:
             start, change = bordered(linear, point.tangent, length - float(point.tangent @ gone))
             segments = shooting.moved(segments, linear, start, change, np.inf)
             value += self.span * change
-            # Backwards in time what decays grows without bounds.
+            # Backwards in time, decaying motions grow without bound.
             if min(each.time for each in segments) < -BACKWARDS * cycle.flow.grid:
                 return None
         return None
@@ -177,7 +177,7 @@ def bordered(linear: shooting.Linear, tangent: Array, along: float, closing: boo
 
 
 def numbers_of(scene: Scene) -> dict[str, float]:
-    """The numbers of a scene, of its friction and of its rig that a cycle can be followed over, by name."""
+    """Parameters of a scene, its friction and its rig over which a cycle can be followed, by name."""
     rig = scene.rig
     found = {name: getattr(scene, name) for name in ("V", "theta", "mu", "F")}
     found |= {name: getattr(scene.friction, name) for name in ("kinetic_ratio", "decay_speed")}
@@ -199,11 +199,11 @@ def with_value(scene: Scene, name: str, value: float) -> Scene:
     return replace(scene, rig=Rig.of(**vars(scene.rig) | change))
 
 
-# Newton's method overflows from a poor guess.
+# Newton's method may overflow from a poor guess.
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 @one_blas_thread()
 def follow_cycle(cycle: LimitCycle, parameter: str, until: float, *, most: int = 200) -> CycleBranch:
-    """Follow a limit cycle over a parameter, through folds, until it is past a value or back beyond its start.
+    """Follow a limit cycle over a parameter, through folds, until it passes a value or returns beyond its start.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def follow_cycle(cycle: LimitCycle, parameter: str, until: float, *, most: int =
     parameter : str
         V, theta, mu, F, kinetic_ratio, decay_speed, or a number of the rig as on the command line.
     until : float
-        The branch ends once it is so far from its start, on either side.
+        The branch ends at this value, or at the same distance on the other side of its start.
     most : int
         Most points.
 
@@ -222,7 +222,7 @@ def follow_cycle(cycle: LimitCycle, parameter: str, until: float, *, most: int =
     Raises
     ------
     ValueError
-        For a parameter that there is not, or a value that is that of the start.
+        For an unknown parameter, or if the value is that of the start.
     """
     numbers = numbers_of(cycle.scene)
     checks.choice("parameter", parameter, tuple(numbers))
@@ -240,14 +240,14 @@ def follow_cycle(cycle: LimitCycle, parameter: str, until: float, *, most: int =
         length = min(length * (1.5 if iterations <= 3 else 0.7 if iterations > 5 else 1.0), LARGEST)
         flips = len(after.cycle.segments) == 1 and after.cycle.plane[:-1] @ point.cycle.plane[:-1] < 0.0
         if flips:
-            # Past a cycle without amplitude comes the same one, half a period later.
+            # Beyond zero amplitude the same cycle follows, half a period later.
             places.append(Place(born([*points, after]), "birth from steady sliding"))
             end = f"{places[-1].text} at {parameter} = {places[-1].value:.9g}"
             break
         if violation(after.cycle) is not None:
             place, changed = passed(way, point, after, gone)
             if changed is None and gone > NEAREST:
-                # Closer to the graze the new order differs less from the old one.
+                # Closer to the graze the new sequence differs less from the old one.
                 length = 0.25 * gone
                 continue
             places.append(place)
@@ -268,7 +268,7 @@ def follow_cycle(cycle: LimitCycle, parameter: str, until: float, *, most: int =
 
 
 def passed(way: _Follower, before: _Point, beyond: _Point, length: float) -> tuple[Place, _Point | None]:
-    """The graze within a step and what happens there, and a point of the branch beyond it."""
+    """The graze within a step, its description, and a point of the branch beyond it."""
     i, k, _ = violation(beyond.cycle) or (0, 0, 0.0)
     each, old = beyond.cycle.segments[i], beyond.cycle.segments
     name = STATUSES[min(each.status, SLIP)]
@@ -281,7 +281,7 @@ def passed(way: _Follower, before: _Point, beyond: _Point, length: float) -> tup
         place = way.located(before, length, lambda p: inner_margin(p.cycle.flow, p.cycle.segments[i], k))
     changed = reordered(way, before, beyond, place.value)
     if changed is not None and len(changed.cycle.segments) < len(old):
-        # Where a status vanishes its duration has no derivative by the parameter; the margin beyond it has.
+        # The duration of a vanishing status has no derivative by the parameter; the margin beyond it has one.
         lengths = [-LEAST * 4.0**k for k in range(9)]
         back = [x for x in lengths if (at := way.step(changed, x)) and least_inner(at[0]) < 0.0]
         place = way.located(changed, back[0], least_inner) if back else place
@@ -291,20 +291,20 @@ def passed(way: _Follower, before: _Point, beyond: _Point, length: float) -> tup
 
 
 def born(points: list[_Point]) -> float:
-    """The parameter at which the amplitude is zero, where that is an even function of the amplitude."""
+    """The parameter at zero amplitude, if it is an even function of the amplitude."""
     near = points[-5:]
     sizes = np.array([float(np.ptp(each.cycle.velocity_B)) for each in near])
     return float(np.polynomial.Polynomial.fit(sizes**2, [each.value for each in near], 3)(0.0))
 
 
 def least_inner(point: _Point) -> float:
-    """Least inner margin of a cycle."""
+    """Smallest inner margin of a cycle."""
     flow, counts = point.cycle.flow, {SEPARATION: 1, STICK: 3}
     return min(inner_margin(flow, s, k) for s in point.cycle.segments for k in range(counts.get(s.status, 2)))
 
 
 def inner_margin(flow: Flow, segment: Segment, k: int) -> float:
-    """Least local minimum of a margin within a segment, by parabolas; without one its value at an end."""
+    """Smallest local minimum of a margin within a segment, by parabolas; without one, its value at an end."""
     times, z = flow.samples(segment.status, segment.start, segment.time)
     if segment.event == PLANE:
         z = np.column_stack([z, z[:, 1:]])
@@ -326,7 +326,7 @@ def minima(y: Array) -> Any:
 
 
 def reordered(way: _Follower, before: _Point, beyond: _Point, place: float) -> _Point | None:
-    """A point with the order of statuses that the motion has beyond a graze, on that side of it or back."""
+    """A point with the sequence of statuses beyond a graze, on that side of the graze or back."""
     cycle, old = beyond.cycle, [each[:2] for each in before.cycle.segments]
     turned = [old[j:] + old[:j] for j in range(len(old))]
     for value in (beyond.value, 2.0 * beyond.value - before.value, before.value):
@@ -343,7 +343,7 @@ def reordered(way: _Follower, before: _Point, beyond: _Point, place: float) -> _
 
 
 def traced(cycle: LimitCycle) -> list[guesses.Guess]:
-    """The order of statuses that the motion takes from the start of a cycle's longest one."""
+    """The sequence of statuses of the motion from the start of the longest one of a cycle."""
     longest = max(cycle.segments, key=lambda each: each.time)
     return guesses.recurrent(cycle.flow, longest.status, longest.start, about=cycle.period)
 

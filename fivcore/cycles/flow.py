@@ -1,12 +1,12 @@
 """Flow of a normalised scene between contact events, with its tangent: the law of method "exact".
 
-In a contact status of `fivcore.contact.law` the motion is y' = A y + b: a matrix exponential takes it, and any
-deviation from it, over any time without a step. Where friction falls with the speed, slip and its neighbours are
-integrated as method "exact" does. In steps of `fast` an event moves by whole steps only: their tangent misses that
-a deviation shifts a touchdown, where N jumps.
+In each contact status of `fivcore.contact.law` the motion obeys y' = A y + b, and a matrix exponential propagates
+it and any deviation over any time without a step. If friction falls with the speed, slip and its deviations are
+integrated as in method "exact". The steps of `fast` would not do, because their events move by whole steps only,
+so that their tangent neglects the shift of a touchdown, where N jumps.
 
-A state z (m + 1,) is that of `fivcore.transient.exact_kernels`, (q, v, u), times the frequencies of the modes, 1
-and the roots of the springs, so that the sum of squares is an energy; and 1, so that affine maps are matrices.
+A state z, (m + 1,), is (q, v, u) of `fivcore.transient.exact_kernels`, scaled by the modal frequencies, 1 and the
+roots of the springs so that its sum of squares is an energy, followed by 1 so that affine maps are matrices.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from fivcore.transient.normalised import Normalised, State
 from fivcore.transient.options import Options, RunOptions
 from fivcore.transient.statistics import SAMPLE, SEPARATION, STICK
 
-# Samples between events, in units of the shortest time, and how many of them are looked at together for a plane.
+# Sampling interval between events, in units of the shortest time; number of samples examined together for a plane.
 COMPLIANT_GRID, RIGID_GRID, BLOCK = 0.5, 0.1, 64
 # A cycle without events closes where it crosses a plane.
 PLANE = -1
-# Deviations for derivatives where friction falls, in units of the motion and of the speed over which it does; a
-# time at which nothing is read, s.
+# Deviations for numerical derivatives with falling friction, relative to the motion and to the decay speed; a time
+# at which nothing is sampled, s.
 DEVIATION, BESIDE, NEVER = 1e-6, 1e-3, 1e6
 NOWHERE = np.zeros((1, SAMPLE)), np.zeros((1, 6)), np.zeros((1, 2))
 
 
 class Segment(NamedTuple):
-    """Motion from `start` (m + 1,) to an event, the number of a margin or `PLANE`, after `time`, s."""
+    """Motion from `start`, (m + 1,), for `time`, s, to an event: the index of a margin, or `PLANE`."""
 
     status: int
     event: int
@@ -50,7 +50,7 @@ Happening = tuple[Segment, int, Array]
 
 
 class Flow:
-    """Motion of a scene in each contact status; `like` is a flow whose modes' signs its modes have.
+    """Motion of a scene in each contact status; modes have the same signs as those of the flow `like`.
 
     Raises
     ------
@@ -93,7 +93,7 @@ class Flow:
         return self._laws[status]
 
     def _falling(self, status: int, z: Array) -> Array:
-        """The law of slip about z where friction falls: that of stick, or without forces, and what slip adds."""
+        """Slip law about z with falling friction: the law of stick or of zero forces, plus the effect of slip."""
         (C, W), law, sense = self.run.system[6:8], self.run.system[8], 1.0 if status == SLIP_UP else -1.0
         rows, n = self.law(SEPARATION if self.rigid else STICK, z).copy(), len(self.model.stiffness)
         was, accelerations = rows[[N, T]], rows[RATES + n : RATES + 2 * n]
@@ -128,9 +128,10 @@ class Flow:
         return np.vstack([self.law(status, z)[RATES:], np.zeros(len(z))])
 
     def margins(self, status: int, z: Array) -> Array:
-        """Rows of the margins while which are positive the status lasts, (e, m + 1), as `law`.
+        """Rows of the margins, (e, m + 1), as in `law`; a status lasts while all its margins are positive.
 
-        In separation the gap; in stick N, mu N - T and mu N + T; in slip N and the slip rate against T.
+        Margins are the gap in separation; N, mu N - T and mu N + T in stick; N and the slip rate against T in
+        slip.
         """
         rows, mu = self.law(status, z), self.scene.mu
         if status == SEPARATION:
@@ -150,7 +151,7 @@ class Flow:
         return plane if event == PLANE else self.margins(status, z)[event]
 
     def size(self, z: Array) -> float:
-        """Norm of a motion, not less than that of the drive."""
+        """Norm of a motion, at least that of the drive."""
         return max(float(np.linalg.norm(z[:-1])), self.scene.speed_per_load)
 
     # Motion within a status.
@@ -159,7 +160,7 @@ class Flow:
         """Event, its time, s, and the state there, or after `time`."""
         run = self.run
         run.enter(0.0, status, z[:-1] / self.units)
-        # Work and losses count from here, as a step's error is theirs as well.
+        # Work and losses start at zero here, because the error control of a step includes them.
         run.motion[-7:-3], run.motion[-2] = 0.0, self.grid
         event = kernels.follow(
             run.motion,
@@ -179,14 +180,14 @@ class Flow:
         return event, float(run.motion[-3]), np.append(run.motion[:-7] * self.units, 1.0)
 
     def over(self, status: int, z: Array, time: float, tangent: bool = True) -> tuple[Array, Array]:
-        """State after a time, s, which may be negative, and its derivative by z, (m + 1, m + 1), if wanted."""
+        """State after a time, s, which may be negative, and on request its derivative by z, (m + 1, m + 1)."""
         if not self.falls(status) or time <= 0.0:
             power = expm(time * self.field(status, z))
             return power @ z, power
         end, derivative = self._follow(status, z, time, False)[2], np.eye(len(z))
         if tangent:
             h, last = self._deviation(z), len(z) - 1
-            # The surfaces of a deviation touch as well.
+            # A deviation also keeps the gap closed.
             for j, change in enumerate(h * self.entry(status, status, z)[:, :last].T):
                 ends = [self._follow(status, z + way * change, time, False)[2] for way in (1.0, -1.0)]
                 derivative[:, j] = (ends[0] - ends[1]) / (2.0 * h)
@@ -194,7 +195,7 @@ class Flow:
         return end, derivative
 
     def _deviation(self, z: Array) -> float:
-        """A deviation over which friction hardly falls."""
+        """A deviation small enough for a linear friction law."""
         model, least = self.model, BESIDE * self.scene.friction.decay_speed
         rate = np.abs(model.shapes[1]).max() if self.rigid else np.sqrt(model.K[1, 1]) / model.C[1, 1]
         return min(DEVIATION * self.size(z), least / rate)
@@ -215,7 +216,7 @@ class Flow:
     # Events.
 
     def to_event(self, status: int, z: Array, most: float, plane: Array | None) -> Happening | None:
-        """Follow z to its first event, or up through a plane (m + 1,); None if neither comes within `most`, s."""
+        """Follow z to its first event or upward crossing of a plane (m + 1,) within `most`, s; None without."""
         crossed = None if plane is None else self._crossing(status, z, most, plane)
         event, time, end = self._follow(status, z, crossed[0] if crossed else most, True)
         if event == kernels.NOTHING:
@@ -253,7 +254,7 @@ class Flow:
             E[:n] -= np.outer(model.normal / W[0, 0], self._gap)
             stick, m, sticks = resistance(W) @ self._rates, 0.0, status == STICK
             if was == SEPARATION:
-                # By the impulse with which the surfaces stick.
+                # Impulse that makes the surfaces stick.
                 normal, tangential = -stick @ np.append(z[:-1] / self.units, 1.0)
                 m = float(np.copysign(self.run.slipping, tangential))
                 sticks = abs(tangential) <= abs(m) * normal
@@ -284,7 +285,7 @@ class Flow:
 
 
 def started(scene: Normalised, options: Options, initial: State | None = None) -> ExactRun:
-    """A run of "exact" that begins in a normalised state, by default at rest, and reads nothing."""
+    """A run of "exact" from a normalised state, by default at rest, without sampling."""
     options = RunOptions(
         duration=NEVER, step=NEVER, method="exact", ramp=0.0, cutoff=options.cutoff, modify=options.modify,
         initial=initial,

@@ -20,25 +20,26 @@ from fivcore.transient.options import Options
 from fivcore.transient.simulate import simulate_many
 from fivcore.transient.statistics import STICK
 
-# Events that a trace follows, and most of them in a period.
+# Number of events of a trace, and largest number in a period.
 EVENTS, MOST = 300, 80
-# A state returns if it comes so close, in units of the motion's spread; closeness at which the shortest is taken.
+# Distance, relative to the spread of the motion, at which a state recurs; factor within which the shortest period
+# wins.
 RETURNS, SHORTEST, CLOSE = 0.5, 3.0, 1e-6
-# Segments of a cycle, and the plane where it closes without events; how many are tried.
+# Segments of a cycle, and the plane at which a cycle without events closes; number of guesses tried.
 Guess = tuple[list[Segment], Array]
 TRIES = 12
-# Signals by which windows of a run are compared, their length in periods, what is added to their spread so that
-# quiet ones do not come first, the share of a run before them, their number, and how many guesses each gives.
+# Signals that are compared in windows of a run, window length in periods, term added to their spread so that quiet
+# windows do not come first, fraction of the run before them, number of windows, and guesses from each window.
 SIGNALS = ("velocity_B", "normal_force", "slip_velocity")
 WINDOW, QUIET, SETTLED, WINDOWS, PAIRS = 4.0, 0.2, 0.3, 40, 3
-# Share of the time after which two motions on either side of an edge part.
+# Fraction of the time until two motions on either side of an edge separate.
 BEFORE = 0.7
 
 
 def traced(
     flow: Flow, z: Array, status: int, span: float, plane: Array | None = None, about: float | None = None
 ) -> list[Segment]:
-    """Segments from z on, up to EVENTS or a time, s; the last one ends nothing."""
+    """Segments from z on, up to EVENTS or a time, s; the last one is incomplete."""
     segments: list[Segment] = []
     t, closest = 0.0, np.inf
     while len(segments) < EVENTS and t < span and closest > CLOSE:
@@ -53,7 +54,7 @@ def traced(
 
 
 def recurrent(flow: Flow, status: int, z: Array, *, span: float = 0.0, about: float | None = None) -> list[Guess]:
-    """Parts of the motion from z on that repeat themselves, the best first, if given after `about` so long, s."""
+    """Parts of the motion from z that nearly recur, the best first; `about` is an approximate period, s."""
     plane = plane_at(flow, Segment(status, PLANE, 0.0, z))
     span = span or 3.0 * (about or 0.0)
     segments = traced(flow, z, status, span, None, about)
@@ -79,7 +80,7 @@ def recurrent(flow: Flow, status: int, z: Array, *, span: float = 0.0, about: fl
 
 
 def guesses_of(scene: Scene, flow: Flow, guess: Any, options: Options, duration: float) -> Iterable[Guess]:
-    """Guesses for a guess of `limit_cycle`, the best first."""
+    """Initial guesses from the argument `guess` of `limit_cycle`, the best first."""
     if guess is None:
         return by_run(scene, flow, options, duration)
     if isinstance(guess, State):
@@ -93,13 +94,13 @@ def guesses_of(scene: Scene, flow: Flow, guess: Any, options: Options, duration:
 
 
 def from_state(flow: Flow, state: Any, about: float | None = None) -> list[Guess]:
-    """From a state of the scene, in its own units, and near a period, s."""
+    """Guesses from a state of the scene, in its units, with an approximate period, s."""
     span = 1e5 * flow.grid if about is None else 30.0 * about
     return recurrent(flow, *flow.of_state(state), span=span, about=about)
 
 
 def motion(scene: Scene, duration: float, options: Options) -> Any:
-    """A run, without a warning of how far the contact moves meanwhile."""
+    """A run without `FixedContactWarning`."""
     (found,) = simulate_many([scene], duration, options=options)
     if isinstance(found, Exception):
         raise found
@@ -107,7 +108,7 @@ def motion(scene: Scene, duration: float, options: Options) -> Any:
 
 
 def by_run(scene: Scene, flow: Flow, options: Options, duration: float) -> Iterator[Guess]:
-    """From the end of a run, if that is regular, and from the windows of it that repeat themselves best."""
+    """Guesses from the end of a run, unless it is irregular, and from the windows that recur best."""
     given = replace(options, record=SIGNALS, skip_sticks=False)
     run = motion(scene, duration, options=given)
     regime, frequency = run.summary["regime"], float(run.summary["dominant_frequency"])
@@ -125,7 +126,7 @@ def by_run(scene: Scene, flow: Flow, options: Options, duration: float) -> Itera
 
 
 def windows(run: Any, frequency: float) -> list[tuple[float, float]]:
-    """Starts of the windows of a run that repeat themselves best, and after how long they do, s."""
+    """Starts of the windows of a run that recur best, and their periods, s."""
     late = run.time > SETTLED * run.time[-1]
     time, rows = run.time[late], np.stack([getattr(run, name)[late] for name in SIGNALS])
     rows = (rows - rows.mean(axis=1, keepdims=True)) / (rows.std(axis=1, keepdims=True) + 1e-300)
@@ -150,7 +151,7 @@ def windows(run: Any, frequency: float) -> list[tuple[float, float]]:
 
 
 def of_mode(flow: Flow, amplitude: float) -> list[Guess]:
-    """Steady sliding and the mode of it that grows most, with an amplitude of the velocity of B, m/s."""
+    """Guess from the fastest growing mode of steady sliding, with an amplitude of the velocity of B, m/s."""
     status, z = SLIP_UP, np.eye(len(flow.velocity_B))[-1]
     for _ in range(50):
         field = flow.field(status, z)
@@ -167,7 +168,7 @@ def of_mode(flow: Flow, amplitude: float) -> list[Guess]:
 
 
 def on_edge(scene: Scene, ends: tuple[State, State], options: Options, duration: float) -> tuple[State, float]:
-    """A state on the edge between the motions to which two states lead, before they part, and its period."""
+    """A state on the basin boundary between the motions from two states, and its period, s."""
     place, change = (np.stack([each.displacement, each.velocity]) for each in ends)
     change, options = change - place, replace(options, settle=0.7 * duration)
 

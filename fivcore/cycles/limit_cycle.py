@@ -1,4 +1,4 @@
-"""Limit cycles of a scene: first guesses, shooting, and what a cycle says."""
+"""Limit cycles of a scene: search by multiple shooting, and the properties of a cycle."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ from fivcore.transient.simulate import request
 from fivcore.transient.statistics import SLIP
 
 STATUSES = ("separation", "stick", "slip")
-# A margin below this share of its largest value, with the other sign, is rounding; most changes of the statuses.
+# Negative margin, relative to its largest value, that counts as rounding; most changes of the sequence of
+# statuses.
 ROUNDING, REPAIRS = 1e-7, 8
 
 
@@ -37,10 +38,10 @@ class LimitCycle:
     ----------
     scene : Scene
     residual : float
-        By how much the motion does not close, in units of its size.
+        Closure error of the motion, relative to its size.
     flow, segments, plane, monodromy
-        Its equations, its statuses with their starts, the plane across it where it has no events, and the
-        derivative of its return map (`fivcore.cycles.flow`, `fivcore.cycles.shooting`).
+        Equations of motion, statuses with their initial states, Poincare plane if there are no events, and
+        derivative of the return map (`fivcore.cycles.flow`, `fivcore.cycles.shooting`).
     """
 
     scene: Scene
@@ -62,18 +63,18 @@ class LimitCycle:
 
     @cached_property
     def multipliers(self) -> Complex:
-        """Floquet multipliers, (m,), the largest first; a 0 is in place of the trivial one, 1."""
+        """Floquet multipliers, (m,), in descending magnitude; the trivial one, 1, is replaced by 0."""
         found = np.linalg.eigvals(self.monodromy).astype(complex)
         return np.asarray(found[np.argsort(-np.abs(found), kind="stable")])
 
     @property
     def stable(self) -> bool:
-        """Whether every deviation decays."""
+        """Whether every small deviation decays."""
         return bool(np.abs(self.multipliers[0]) < 1.0)
 
     @property
     def states(self) -> list[tuple[str, float]]:
-        """Contact statuses in their order, each with its duration, s."""
+        """Contact statuses in sequence, each with its duration, s."""
         return [(STATUSES[min(each.status, SLIP)], each.time) for each in self.segments]
 
     @cached_property
@@ -92,7 +93,7 @@ class LimitCycle:
 
     @property
     def time(self) -> Array:
-        """Times of the series over one period, (n,), s; each change of the contact is there twice."""
+        """Times of the series over one period, (n,), s; the time of each status change occurs twice."""
         return self._series[0]
 
     @property
@@ -122,7 +123,7 @@ class LimitCycle:
 
     @cached_property
     def summary(self) -> dict[str, float]:
-        """Figures named as in a `Transient`'s summary, and the amplitude, half the range, of the velocity of B."""
+        """Results named as in the summary of a `Transient`, and half the range of the velocity of B."""
         time, v, normal, _, slip, _ = self._series
         mean = np.trapezoid(v, time) / self.period
         shares = {
@@ -141,29 +142,30 @@ class LimitCycle:
 
     @property
     def final_state(self) -> State:
-        """State at the start and the end of the period, which `simulate` takes as `initial`."""
+        """State at the start and end of the period, for `initial` of `simulate`."""
         return self.flow.state(self.segments[0].status, self.segments[0].start)
 
 
-# Newton's method overflows from a poor guess.
+# Newton's method may overflow from a poor guess.
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 @one_blas_thread()
 def limit_cycle(scene: Scene, guess: Any = None, *, options: Options | None = None, **keywords: Any) -> LimitCycle:
     """Find a limit cycle of a scene, stable or not, of the reduced model of `simulate`.
 
-    There is no time step: runs by "exact" stay on the cycle, and so do runs by "fast" as its step goes to zero.
+    The search has no time step. Runs by "exact" stay on the cycle, and runs by "fast" converge to it with the
+    step.
 
     Parameters
     ----------
     scene : Scene
     guess : LimitCycle, State, (State, State) or float, optional
-        - `LimitCycle`: that of a neighbouring scene, with its options unless others are given.
-        - `State`: one near the cycle.
-        - Two states: one leads to vibration, the other to sliding; bisection finds the cycle between them.
+        - `LimitCycle`: cycle of a neighbouring scene, whose options are used unless others are given.
+        - `State`: a state near the cycle.
+        - Two states, of which one leads to vibration and the other to sliding: bisection finds the cycle between.
         - float: amplitude, m/s, of the velocity of B in the fastest growing mode of steady sliding.
-        - Default: the windows of a run that repeat best.
+        - Default: the windows of a run that recur best.
     options, **keywords
-        As for `simulate`; and `duration`, s, of a run that a guess needs (default: 0.5 s, of a structure times
+        As for `simulate`, and `duration`, s, of a run that a guess needs (default: 0.5 s, for a structure times
         `time_scale`).
 
     Returns
@@ -175,8 +177,8 @@ def limit_cycle(scene: Scene, guess: Any = None, *, options: Options | None = No
     ValueError, ContactError, DivergenceError
         As `fivcore.simulate`.
     UnsolvedError
-        Where nothing near the guess repeats itself, or Newton's method does not converge; its subclass
-        `NoVibrationError` where the run that gives a guess ends stuck or in steady sliding.
+        If no motion near the guess recurs, or if Newton's method does not converge; its subclass
+        `NoVibrationError` if the run that gives a guess ends stuck or in steady sliding.
     """
     duration = keywords.pop("duration", 0.5 * scene.rig.time_scale)
     if isinstance(guess, LimitCycle) and options is None and not keywords:
@@ -200,7 +202,7 @@ def flow_of(scene: Scene, options: Options, like: Flow | None = None) -> Flow:
 
 
 def closed(scene: Scene, flow: Flow, tries: Iterable[guesses.Guess]) -> LimitCycle:
-    """The first cycle that guesses lead to, with statuses that last as long as their margins allow."""
+    """The first cycle found from the guesses whose statuses satisfy their margins."""
     first: list[Segment] = []
     count = -1
     for segments, plane in tries:
@@ -236,7 +238,7 @@ def described(segments: list[Segment]) -> str:
 
 
 def violation(cycle: LimitCycle) -> tuple[int, int, float] | None:
-    """The segment and the margin that is negative within it, the most, and by how much in units of its largest."""
+    """Segment and index of the most negative margin, and its value relative to its largest; None without one."""
     worst: tuple[int, int, float] | None = None
     for i, each in enumerate(cycle.segments):
         if each.time <= 0.0:
@@ -248,7 +250,7 @@ def violation(cycle: LimitCycle) -> tuple[int, int, float] | None:
 
 
 def least_margins(flow: Flow, segment: Segment) -> list[float]:
-    """Least value of each margin within a segment, between samples by parabolas, in units of its largest."""
+    """Smallest value of each margin within a segment, by parabolas between samples, relative to its largest."""
     _, z = flow.samples(segment.status, segment.start, segment.time)
     values = flow.along(segment.status, z)
     return [float(row.min() / max(np.abs(row).max(), 1e-300)) for row in values]

@@ -1,10 +1,10 @@
 """Multiple shooting from event to event by Newton's method, and the tangent along a parameter.
 
-Unknowns are the states z_i at which the statuses of a cycle begin and their durations T_i; each ends at its event,
-and the next begins where it ends. An event condition gives dT_i, so that the linearised equations are
+The unknowns are the initial states z_i of the statuses of a cycle and their durations T_i. Each status ends at its
+event, where the next one starts. The event condition gives dT_i, so that the linearised equations are
 dz_(i+1) = M_i dz_i + d_i, and around the cycle (1 - M) dz_0 = d with M = M_k ... M_1. M is the derivative of the
-return map at the first event: its eigenvalues are the Floquet multipliers, but for the trivial one, 1, in whose
-place is 0 (R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, 2004, ch. 7).
+return map at the first event. Its eigenvalues are the Floquet multipliers, except that the trivial one, 1, is
+replaced by 0 (R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, 2004, ch. 7).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from fivcore.cycles.flow import Flow, Segment
 from fivcore.errors import SceneError
 from fivcore.jit import Array
 
-# Largest residual in units of the motion, and most iterations.
+# Largest residual relative to the motion, and most iterations.
 CLOSED, ITERATIONS = 1e-10, 25
-# Largest difference between durations that are the same, in units of the period.
+# Largest difference between equal durations, relative to the period.
 SAME = 1e-7
 
 
@@ -29,7 +29,7 @@ SAME = 1e-7
 class Linear:
     """Linearised equations of a cycle: of each segment dz = maps dz_0 + offsets, dT = times dz_0 + delays.
 
-    With the flow of a neighbouring parameter both have a second column, what a unit of it adds.
+    With the flow of a neighbouring parameter, offsets and delays have a second column, the derivative by it.
     """
 
     maps: list[Array]
@@ -47,7 +47,7 @@ class Linear:
 
 
 def plane_at(flow: Flow, segment: Segment) -> Array:
-    """The plane through the start of a segment, across the motion, (m + 1,)."""
+    """The plane through the start of a segment, perpendicular to the motion, (m + 1,)."""
     row = flow.field(segment.status, segment.start) @ segment.start
     row /= np.linalg.norm(row)
     row[-1] = -(row[:-1] @ segment.start[:-1])
@@ -58,7 +58,7 @@ def plane_at(flow: Flow, segment: Segment) -> Array:
 def linearised(
     flow: Flow, segments: list[Segment], plane: Array, beside: Flow | None = None, change: float = 1.0
 ) -> Linear:
-    """Linearise the equations of a cycle; `beside` is the flow with a parameter larger by `change`."""
+    """Linearise the equations of a cycle; `beside` is the flow with the parameter increased by `change`."""
     size, worst = len(segments[0].start), 0.0
     scale = max(flow.size(each.start) for each in segments)
     maps, offsets, times, delays = [np.eye(size)], [np.zeros((size, 1 + (beside is not None)))], [], []
@@ -89,7 +89,7 @@ def linearised(
 def moved(
     segments: list[Segment], linear: Linear, step: Array, more: float = 0.0, least: float = 0.5
 ) -> list[Segment]:
-    """Segments after a step dz_0 (m,) and a change of the parameter; no duration loses more than `least` of it."""
+    """Segments after a step dz_0, (m,), and a parameter change; `least` limits the loss of each duration."""
     delta, column = np.append(step, 0.0), np.array([1.0, more][: linear.offsets[0].shape[1]])
     changes = [float(row @ delta + delay @ column) for row, delay in zip(linear.times, linear.delays, strict=True)]
     share = min([1.0, *(least * s.time / -c for s, c in zip(segments, changes, strict=True) if c < 0.0 < s.time)])
@@ -107,14 +107,14 @@ def solve(flow: Flow, segments: list[Segment], plane: Array) -> tuple[list[Segme
         try:
             linear = linearised(flow, segments, plane)
         except SceneError:
-            # Far from a motion, where friction falls.
+            # With falling friction, far from a motion.
             return best
         if best is not None and linear.residual > 0.1 * best[1].residual:
             # Rounding.
             return best if best[1].residual < linear.residual else (segments, linear)
         if linear.residual < CLOSED:
             best = segments, linear
-        # A cycle that shrinks to nothing is none.
+        # Reject a cycle whose amplitude shrinks to zero.
         if not linear.residual < 1e6 or sum(each.time for each in segments) < flow.grid:
             return None
         step: Any = np.linalg.lstsq(
@@ -125,7 +125,7 @@ def solve(flow: Flow, segments: list[Segment], plane: Array) -> tuple[list[Segme
 
 
 def primitive(segments: list[Segment]) -> list[Segment]:
-    """The shortest part of a cycle that it repeats."""
+    """The shortest part whose repetition is the cycle."""
     times, orders = np.array([each.time for each in segments]), [each[:2] for each in segments]
     for n in range(1, len(segments)):
         apart = np.abs(times - np.roll(times, n)).max()

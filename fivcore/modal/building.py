@@ -1,4 +1,4 @@
-"""Structures from tables of modes: static modes, damping, preload, and the modes that motion needs beyond."""
+"""Structures from tables of modes: static modes, damping, preload, and additional modes for motion."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def structure_of(
 
 
 def with_matrix(found: Any, by_modes: Array) -> Any:
-    """With a damping matrix in modal coordinates: its diagonal."""
+    """Add the diagonal of a damping matrix in modal coordinates."""
     diagonal = np.diag(by_modes)
     if diagonal.min() < -1e-9 * np.abs(by_modes).max():
         raise InputError(f"damping: it gives a mode {diagonal.min():g} 1/s; it must not be negative")
@@ -83,9 +83,9 @@ def with_matrix(found: Any, by_modes: Array) -> Any:
 
 
 def for_motion(own: Any, band: float | None, n: int, up_to: Callable[[float], Any]) -> Any:
-    """With the cut-off of motion, and the modes below it where `own`, up to `band`, does not have them.
+    """Set the cut-off of motion, and compute the modes below it that `own`, which ends at `band`, lacks.
 
-    The upper third of the `n` modes of a mesh is that of no structure; a small model is what it is.
+    The upper third of the `n` modes of a mesh is not used, because it is inaccurate; small models keep all modes.
     """
     if band is None and n <= MOTION_MODES:
         return own
@@ -94,7 +94,8 @@ def for_motion(own: Any, band: float | None, n: int, up_to: Callable[[float], An
     while (cutoffs := motion_cutoffs(found, most))[1] is None and found.static:
         m = len(found.frequency)
         if before:
-            # As the number of modes grows with frequency: of beams as its root, of a plate as it or its square.
+            # The number of modes grows as the square root of frequency for beams, as frequency or its square for
+            # plates.
             power = np.clip(np.log(m / before) / np.log(factor), 0.4, 3.0)
             factor = float(np.clip((1.1 * FURTHER_MODES / m) ** (1.0 / power), 1.25, 8.0))
         top, before = top * factor, m
@@ -121,6 +122,6 @@ def check_held(stiffness: Array, normal: Array, vectors: Array | None, names: An
 
 
 def of_loaded_bodies(M: Any, K: Any, normal: Array, load: Array) -> Array:
-    """The row of the normal gap, (n,), without bodies that no matrix connects with what is loaded."""
+    """The normal gap row, (n,), restricted to the bodies that the load acts on."""
     label = connected_components(sum(sparse.csr_array(matrix != 0.0) for matrix in (M, K)), directed=False)[1]
     return np.where(np.isin(label, label[load != 0.0]), normal, 0.0)

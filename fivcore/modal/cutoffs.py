@@ -8,23 +8,26 @@ import numpy as np
 
 from fivcore.beams.modes import residual_flexibility
 
-# Modes that move the gaps below the default cut-off of motion (the paper's rig: 115 kHz); a mode does if its share
-# of a gap's inverse mass is above PART of the mean up to it (`python -m tests.benchmarks constants`).
+# Number of gap-moving modes below the default cut-off of motion (the paper's rig: up to 115 kHz). A mode moves a
+# gap if its part of the gap's inverse mass exceeds PART times the mean up to it (`python -m tests.benchmarks
+# constants`).
 MOTION_MODES, PART = 39, 1e-3
-# Least frequency of the contact, in units of that of the highest kept mode, with which these are enough: it is
-# root 3 of bending beams, 1 of rods; rigs of beams have 1.48 or more, solids 0.5 to 1.2 and twice as many modes.
+# Smallest contact frequency, relative to the highest kept one, for which MOTION_MODES are enough. It is the root
+# of 3 for bending beams and 1 for rods. Rigs of beams have at least 1.48; solids have 0.5 to 1.2 and keep twice as
+# many.
 SLENDER = 2.0**0.5
-# As many as that where sliding grows above this share of the cut-off, where the contact's dashpot decides on it.
+# Number of modes if sliding grows above GROWTH_REACH of the cut-off, where the contact dashpot would affect the
+# growth.
 FURTHER_MODES, GROWTH_REACH = 50, 0.7
 # Most modes in motion, whether they move the gaps or not.
 MOST_MODES = 400
 
 
 def motion_cutoff(own: Any, most: int = MOST_MODES, number: int | None = None) -> float | None:
-    """Frequency above `number` modes that move the gaps, and at most `most` in all, Hz, to three digits.
+    """Cut-off above `number` modes that move the gaps, and at most `most` in all, Hz, rounded to three digits.
 
-    By default `MOTION_MODES`, twice as many where the contact is not `SLENDER`. None: there are fewer. The same
-    whatever modes follow.
+    The default number is `MOTION_MODES`, or twice as many if the contact is not `SLENDER`. Returns None if there
+    are fewer modes. The result does not depend on the modes above the cut-off.
     """
     if number is None:
         return motion_cutoffs(own, most)[0]
@@ -37,7 +40,7 @@ def motion_cutoff(own: Any, most: int = MOST_MODES, number: int | None = None) -
 
 
 def motion_cutoffs(own: Any, most: int) -> tuple[float | None, float | None]:
-    """The usual cut-off of motion, and that where it grows near it, Hz."""
+    """The usual cut-off of motion, and the higher one for growth near the usual one, Hz."""
     usual = motion_cutoff(own, most, MOTION_MODES)
     if usual is None or _slender(own, usual):
         return usual, motion_cutoff(own, most, FURTHER_MODES)
@@ -45,7 +48,7 @@ def motion_cutoffs(own: Any, most: int) -> tuple[float | None, float | None]:
 
 
 def _slender(own: Any, cutoff: float) -> bool:
-    """Whether the kept modes' mass on the others' compliance oscillates `SLENDER` times as fast as they do."""
+    """Whether the modal mass on the residual compliance oscillates `SLENDER` times as fast as the kept modes."""
     kept, shapes = own.stiffness < (2.0 * np.pi * cutoff) ** 2, np.vstack([own.normal, own.tangential])
     flexibility = residual_flexibility(own.stiffness[~kept], shapes[:, ~kept])
     least = SLENDER**2 * own.stiffness[kept].max(initial=0.0) * flexibility - shapes[:, kept] @ shapes[:, kept].T

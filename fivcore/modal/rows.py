@@ -27,7 +27,7 @@ def row_of(name: str, value: Any, n: int | None) -> Array:
 
 
 def over_dofs(name: str, value: Any, n: int) -> Array:
-    """A vector over the degrees of freedom, from one or from {dof: weight}."""
+    """A vector over the degrees of freedom, given as such or as {dof: weight}."""
     if not isinstance(value, Mapping):
         return row_of(name, value, n)
     row = np.zeros(n)
@@ -77,7 +77,7 @@ def kept_nodes(positions: Any, numbers: Any, rows: Any, K: Any) -> tuple[Array, 
 def contact_rows(
     normal: Any, tangential: Any, gap: Any, friction: Any, n: int, row: Callable[[str, Any, int], Array]
 ) -> tuple[dict[str, Any], Array]:
-    """Gap and friction of several contacts, nothing of one; rows of all gaps, (2c, n), the normal ones first."""
+    """Gap and friction of several contacts (empty for one), and the rows of all gaps, (2c, n), normal first."""
     rows = []
     for name, value in (("normal", normal), ("tangential", tangential)):
         value = value.toarray() if sparse.issparse(value) and value.shape[0] > 1 else value
@@ -106,5 +106,5 @@ def ratios_of(value: Any, n: int) -> Array:
 
 
 def extended(ratio: Any, more: int) -> Any:
-    """Damping ratios, one for each mode, of `more` further modes, too: they have the last one."""
+    """Extend damping ratios of each mode by `more` modes with the last ratio."""
     return np.pad(ratio, (0, max(more, 0)), mode="edge") if np.ndim(ratio) == 1 else ratio

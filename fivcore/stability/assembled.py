@@ -1,9 +1,9 @@
 """Complex modes of assembled finite-element models with friction, and the friction at which they begin to grow.
 
-Shift and invert gives all modes in a band at a few values of mu (Tisseur and Meerbergen,
-SIAM Review 43, 2001, 235-286). Their real and imaginary parts are a basis for the other values: Galerkin
-projection leaves a small dense problem. Every mode is tested in the full problem; where one fails, the full
-problem is solved at that mu and its modes join the basis. Up to UNPROJECTED degrees of freedom everything is
+Shift-invert Arnoldi computes all modes in a band at a few values of mu (Tisseur and Meerbergen, SIAM Review 43,
+2001, 235-286). Their real and imaginary parts span a basis for the other values, at which Galerkin projection
+leaves a small dense problem. The residual of each mode is tested in the full problem; if one fails, the full
+problem is solved at that mu and its modes extend the basis. Up to UNPROJECTED degrees of freedom all problems are
 solved densely.
 """
 
@@ -25,17 +25,17 @@ from fivcore.jit import Array, Complex, ReadOnlyArrays
 
 # Degrees of freedom up to which nothing is projected.
 UNPROJECTED = 200
-# Bound of |Re lam| by the band; by how much more the basis covers.
+# Bound of |Re lam| relative to the band; additional range that the basis covers.
 SIDE, BASIS_MARGIN = 0.5, 1.1
-# Eigenvalues computed at once, to begin with, and to see whether any is missing; their number by that of degrees
-# of freedom from which a dense solve is quicker; size of the part of a vector that is not parallel to others.
+# Number of eigenvalues computed at once, at the start and to check for missing ones; their ratio to the degrees of
+# freedom above which a dense solve is faster; relative size of an independent component of a vector.
 NEAREST, FURTHER, DENSE_SHARE, PARALLEL = 40, 8, 0.5, 1e-8
 # Restarts of an Arnoldi method that take as long as a dense solve, by the squared ratio of degrees of freedom to
 # vectors kept.
 RESTARTS = 1.0
-# Largest residual; largest residual by what is left out of the basis; |Re lam| / |lam| of a neutral mode.
+# Largest residual; largest residual due to directions missing from the basis; |Re lam| / |lam| of a neutral mode.
 MOST_RESIDUAL, DROP, NEUTRAL = 1e-8, 1e-9, 1e-7
-# Intervals of mu searched for onsets, and the shortest to which one is halved, as a fraction of mu_max.
+# Number of intervals of mu searched for onsets; shortest interval after bisection, relative to mu_max.
 CELLS, SHORTEST_CELL = 64, 1e-5
 _norm = partial(np.linalg.norm, axis=0)
 
@@ -49,7 +49,8 @@ class AssembledModes(ReadOnlyArrays):
     mu : ndarray, (...)
     frequency, growth_rate : ndarray, (..., modes)
         Im(lam) / 2 pi, Hz, 0 for a real eigenvalue; Re(lam), 1/s, above 0 for a mode that grows and exactly 0 for
-        a neutral one: within `growth_error`, or within 1e-7 |lam|, which hangs on the matrices' eighth digit.
+        a neutral one, whose rate is below `growth_error` or below 1e-7 |lam|, the effect of the eighth digit of
+        the matrices.
     residual : ndarray, (..., modes)
         |lam^2 M x + lam C x + (K + mu Kf) x| over the sum of the terms' norms, or over 1e8 times their rounding.
     growth_error : ndarray, (..., modes)
@@ -69,7 +70,7 @@ class _Problem:
     def __init__(self, mu: float, fmax: float, *parts: Any) -> None:
         self.band, self.parts, self.fixed = 2.0 * np.pi * checks.band(fmax), parts, list[Any]()
         mass, _, stiffness, _ = self.matrices(mu)
-        # The unit of lam: the band, unless all eigenvalues are far below it.
+        # Unit of lam: the band, unless all eigenvalues are far below it.
         scale = np.sqrt(abs(stiffness).max() / (abs(mass).max() or 1.0)) or self.band
         self.size, self.unit = mass.shape[0], min(self.band, float(scale))
         self.vectors = self.basis = np.eye(self.size, self.size if self.size <= UNPROJECTED else 0)
@@ -121,7 +122,7 @@ class _Problem:
         given = self.matrices(mu)
         if not self.small or not self.fixed:
             self.small = [self.basis.T @ (matrix @ self.basis) for matrix in given]
-        # Inversion at a real shift: eigenvalues up to its size are accurate whatever the largest ones.
+        # Inversion at a real shift: eigenvalues up to its size are accurate, however large the others are.
         shift, (m, c, k, f), size = 1.1 * self.unit, self.small, self.basis.shape[1]
         m, c, k = shift**2 * m, shift * c, k + mu * f
         half = np.linalg.solve(m + c + k, np.hstack([c + m, m]))
@@ -141,7 +142,7 @@ class _Problem:
         """Return the full problem's eigenvalues there, and add their vectors to the basis."""
         mass, damping, stiffness, friction = self.matrices(mu)
         stiffness, half = stiffness + mu * friction, 0.5 * BASIS_MARGIN * self.band
-        # The disc about the middle of the region and its margin that holds both.
+        # The disc about the middle of the region that contains the region and its margin.
         radius = float(np.hypot(half, SIDE * BASIS_MARGIN * self.band))
         pairs = _eigenvalues_near(mass, damping, stiffness, 1j * half, radius, self.count)
         if pairs is None:
@@ -150,7 +151,7 @@ class _Problem:
         self.count = pairs.shape[1] + FURTHER
         lam, *_ = pairs = pairs[:, self.inside(pairs[0], BASIS_MARGIN)]
         vectors = pairs[1:]
-        # What is left out of the basis is measured by its forces, as residuals are.
+        # Directions missing from the basis are measured by their forces, like residuals.
         vectors = vectors / _forces(mass, damping, stiffness, lam, vectors, self.unit)[1]
         weight = stiffness + (0.01 * self.unit) ** 2 * mass
         vectors = np.hstack([self.vectors, vectors.real, vectors.imag])
@@ -170,10 +171,11 @@ def _forces(m: Any, c: Any, k: Any, lam: Complex, x: Complex, unit: float) -> tu
 
 
 def _eigenvalues_near(m: Any, c: Any, k: Any, shift: complex, radius: float, count: int) -> Complex | None:
-    """Find all eigenvalues in a disc, and their vectors; None: so many that a dense solve is quicker.
+    """Find all eigenvalues in a disc and their vectors; None if there are so many that a dense solve is faster.
 
-    Arnoldi methods from random starts, each in the complement of what is found already, until one finds nothing
-    more in the disc: of a multiple eigenvalue one may miss members. `count` are computed at first.
+    Arnoldi iterations from random starts, each in the complement of the vectors found before, are repeated until
+    one finds no further eigenvalue in the disc, because one iteration may miss members of a multiple eigenvalue.
+    The first one computes `count`.
     """
     size, unit, force = m.shape[0], abs(shift), c + shift * m
     factors = splu((shift * force + k).tocsc(), permc_spec="MMD_AT_PLUS_A")
@@ -191,7 +193,8 @@ def _eigenvalues_near(m: Any, c: Any, k: Any, shift: complex, radius: float, cou
     operator = LinearOperator((2 * size, 2 * size), left, dtype=complex)
     while basis.shape[1] + count <= DENSE_SHARE * size:
         start, width = random.standard_normal(2 * size) + 0j, min(count + count // 4 + 20, 2 * size)
-        # So many restarts take as long as a dense solve: overdamped modes, whose real eigenvalues crowd.
+        # With overdamped modes, whose real eigenvalues are close together, restarts may take as long as a dense
+        # solve.
         restarts = 1 + int(RESTARTS * (size / width) ** 2)
         try:
             inverse, states = eigs(operator, count, v0=start, ncv=width, tol=1e-12, maxiter=restarts)
@@ -202,7 +205,7 @@ def _eigenvalues_near(m: Any, c: Any, k: Any, shift: complex, radius: float, cou
             inverse, turn = np.linalg.eig(basis.conj().T @ invert(basis))
             return np.vstack([shift + 1.0 / inverse, (basis @ turn)[:size]])
         q, r = np.linalg.qr(states[:, near])
-        # One of two vectors that are parallel is found again, as another vector, without the other.
+        # Of two parallel vectors, one is dropped and found again as an independent vector.
         basis = np.linalg.qr(np.hstack([basis, q[:, np.abs(np.diag(r)) > PARALLEL]]))[0]
         count = count if near.all() else FURTHER
     return None
@@ -213,11 +216,11 @@ def assembled_modes(
 ) -> AssembledModes:
     """All modes of (lam^2 M + lam C + K + mu Kf) x = 0 with 0 <= Im(lam) <= w, |Re(lam)| <= w / 2, w = 2 pi fmax.
 
-    Real eigenvalues, of overdamped or diverging motion, have frequency 0. With up to 200 degrees of freedom no
-    mode is missing. Larger models are solved in full at the smallest, the largest and a middle mu, and where a
-    mode fails its test. There a mode is missing only if an Arnoldi method from a random start, in the complement
-    of all others, does not find it; where the region has a quarter of all modes, a dense solve finds them. At
-    other mu, a mode is missing if it enters the region and the basis does not have it within 1.1 times the region.
+    Real eigenvalues (overdamped or divergent motion) have frequency 0. With up to 200 degrees of freedom no mode
+    is missing. Larger models are solved in full at the smallest, the largest and a middle mu, and at each mu at
+    which a mode fails its residual test. There a mode is missing only if an Arnoldi iteration from a random start
+    in the complement of all others does not find it; if the region contains a quarter of all modes, a dense solve
+    is used. At other mu, a mode that enters the region may be missing if the basis does not contain it.
 
     Parameters
     ----------
@@ -256,10 +259,10 @@ def assembled_onsets(
 ) -> tuple[Array, Array]:
     """Factors mu of Kf at which a growth rate rises through zero, ascending, and frequencies there, Hz.
 
-    A frequency of 0 is that of a divergence. Growing modes are counted at CELLS + 1 values of mu; an interval is
-    halved where more than one joins them or where a tangent says that one may. A mode that grows only within one
-    interval without such a sign is overlooked. Arguments and errors are those of `assembled_modes`, without
-    functions; both results are (n,).
+    A frequency of 0 means divergence. Growing modes are counted at CELLS + 1 values of mu; an interval is halved
+    if their number increases by more than one, or if a tangent indicates growth. A mode that grows only within one
+    interval without this indication is missed. Arguments and errors are those of `assembled_modes`, except that
+    matrices may not be functions; both results are (n,).
     """
     parts = mass, damping, stiffness, friction_stiffness
     if any(map(callable, parts)):
@@ -293,7 +296,7 @@ def assembled_onsets(
             step = 1e-14 * most
             while rate(mu, place) <= 0.0:
                 mu, step = min(root + step, high), 4.0 * step
-            # Back along the tangent, unless the mode grew already when it came into the region.
+            # Back along the tangent, unless the mode was growing when it entered the region.
             lam, _, error, slope = growing(mu)[:, place]
             if lam.real < 100.0 * max(error.real, NEUTRAL * abs(lam)):
                 back = lam.real / slope.real

@@ -1,9 +1,9 @@
 """Flutter over an interval of inclinations: curves of onsets, and windows in which a pair of modes is unstable.
 
-Points of neighbouring samples, all flutter onsets or growing modes at an angle of a fine grid, are linked where
-each is the nearest to the other. Where a point has no counterpart the interval is halved until its branch ends
-there. Roots and extremes along a branch are bracketed (Brent, Algorithms for Minimization without Derivatives,
-1973).
+At each angle of a fine grid all flutter onsets or growing modes are computed. Points at neighbouring angles are
+linked if each is nearest to the other. If a point has no counterpart, the interval is halved until the end of its
+branch is located. Roots and extremes along a branch are bracketed (Brent, Algorithms for Minimization without
+Derivatives, 1973).
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class OnsetCurve(ReadOnlyArrays):
         Where it begins and ends: the "range" of theta, "mu_max", "fmax", or a "fold", where it meets a branch of
         the other kind.
     lowest : tuple of float
-        theta, mu and frequency where mu is least: theta to some 1e-8 of itself, for mu is flat there, and the
-        frequency as far as it changes with theta.
+        theta, mu and frequency at the smallest mu. The relative accuracy of theta is about 1e-8, because mu is
+        stationary there; that of the frequency follows.
     """
 
     theta: Array
@@ -216,7 +216,7 @@ class Point(NamedTuple):
     place: complex
     # False for a recovery; only points of one kind are linked.
     destabilising: bool = True
-    # Beyond the limits of interest, where a branch ends for a reason of no interest.
+    # True beyond the limits of interest, where the end of a branch does not matter.
     outside: bool = False
     # Why a branch ends here.
     end: str = "range"
@@ -233,7 +233,7 @@ def _onsets(rig: Rig, fmax: float, mu_max: float, angles: list[float], *, exact:
     samples = [list[Point]() for _ in angles]
     for place, row, mu, change in sorted(found[[2, 0, 1, 3]].T[found[2] <= band].tolist()):
         points, destabilising = samples[int(row)], change > 0.0
-        # This close to a fold they are one zero and its rounding.
+        # This close to a fold, onset and recovery coincide to rounding.
         if points and points[-1].destabilising != destabilising and place - points[-1].frequency < 1e-8 * place:
             points.pop()
             continue

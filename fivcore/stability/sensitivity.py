@@ -25,13 +25,13 @@ from fivcore.stability.many import PARAMETERS, FlutterOnsets, flutter_onsets, fl
 from fivcore.stability.several import sides
 from fivcore.structure import Structure, modal_structure
 
-# Relative step; smallest size of a parameter that it is taken of, as a share of what would matter to the rig.
+# Relative step; smallest parameter value to which it applies, as a fraction of the value that affects the rig.
 RELATIVE_STEP, LEAST_SIZE = 2e-5, 1e-3
 # Places and weights of central differences, and of those to one side, of fourth and of second order.
 CENTRAL = np.array([[-2.0, -1.0, 1.0, 2.0], [1 / 12, -2 / 3, 2 / 3, -1 / 12], [0.0, -0.5, 0.5, 0.0]])
 ONE_SIDED = np.array([[1.0, 2.0, 3.0, 4.0], [4.0, -3.0, 4.0 / 3.0, -0.25], [2.0, -0.5, 0.0, 0.0]])
-# Largest relative change of an onset's frequency from row to row; largest relative difference between the
-# derivatives of both orders, and rounding of the onset. Beyond these it is too near to a fold for a derivative.
+# Largest relative change of an onset frequency between rows; largest relative difference between the derivatives
+# of both orders; rounding of the onset. Beyond these values the onset is too close to a fold for a derivative.
 SAME, BENT, ROUNDING = 1e-2, 1e-2, 1e-12
 # Damping in closed form where there is none, in units of the angular frequency of the band; its error is squared.
 TINY = 1e-7
@@ -43,9 +43,8 @@ class OnsetSensitivity(ReadOnlyArrays):
 
     Names are theta, contact_position, head_mass, d1, d2, and of each beam p1_length, p1_width, p1_thickness,
     p1_young_modulus, p1_density, p2_length, ... Each derivative keeps all the others, and the meshes' elements.
-    Of a structure they are frequency_1, ... (Hz) and damping_1, ... (1/s; none where nothing damps it) of its
-    modes, and direction: by how much, in radians, the normal n and the tangential t are turned, n to
-    n cos - t sin, t to n sin + t cos.
+    For a structure they are frequency_1, ... (Hz) and damping_1, ... (1/s; only with damping) of its modes, and
+    direction, the angle, rad, by which the contact directions rotate: n to n cos - t sin, t to n sin + t cos.
 
     Attributes
     ----------
@@ -159,7 +158,7 @@ def _of_structure(own: Structure, onsets: FlutterOnsets, band: float) -> OnsetSe
         flatness = _determinant(by_omega, by_friction)
         by_mu[:, k] = -_determinant(by_omega, by_each) / flatness
         by_frequency[:, k] = -_determinant(by_each, by_friction) / flatness / (2.0 * np.pi)
-        # How this, which is zero at a fold, changes on the way of two steps of a parameter.
+        # Change, over two steps of a parameter, of this determinant, which is zero at a fold.
         ahead = slopes(omega * (1.0 + RELATIVE_STEP), mu)
         change = (_determinant(*ahead[:2]) / flatness - 1.0) / (RELATIVE_STEP * frequency)
         none[:, k] = ~(np.abs(2.0 * RELATIVE_STEP * values * by_frequency[:, k] * change) <= BENT)

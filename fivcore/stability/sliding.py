@@ -1,10 +1,10 @@
 """Complex eigenvalues of steady sliding: frequencies, growth rates and shapes (section 3.4 of the paper).
 
-V > 0: the sign of V matters only together with that of theta (`Scene.drive_theta`), its size and the load F only
-where friction falls with the speed (`fivcore.stability.falling`). Proportional damping maps the undamped
-eigenvalue lambda (`fivcore.stability.exponents`) to the pair phi with phi^2 + (d1 + d2 lambda) phi + lambda = 0,
-with static modes damped alike: their compliance is that at rest times 1 / (1 + d2 phi). Modal damping leaves
-them undamped.
+V > 0 is assumed: the sign of V matters only in combination with that of theta (`Scene.drive_theta`), and its
+magnitude and the load F only if friction falls with the speed (`fivcore.stability.falling`). With proportional
+damping each undamped eigenvalue lambda (`fivcore.stability.exponents`) gives a pair phi with phi^2 + (d1 + d2
+lambda) phi + lambda = 0. Static modes are damped in the same way, so their compliance is divided by 1 + d2 phi;
+with modal damping they are undamped.
 """
 
 from __future__ import annotations
@@ -110,9 +110,9 @@ def sliding_modes(
 ) -> SlidingModes:
     """Complex modes of the steady sliding state for V > 0 (equations (10) to (12) of the paper).
 
-    Eigenvalues are those of the finite-element model with all its modes, without truncation. With modal damping
-    or friction that falls with the speed every real one is listed, else of the two real ones that an undamped
-    eigenvalue has the larger.
+    Eigenvalues are those of the finite-element model with all its modes, without truncation. Of the two real
+    eigenvalues that belong to one undamped eigenvalue only the larger is listed; with modal damping or friction
+    that falls with the speed all real eigenvalues are listed.
 
     Parameters
     ----------

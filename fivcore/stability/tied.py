@@ -20,7 +20,7 @@ HEAVIEST = 1e9  # kg, the largest concentrated mass that tuning gives
 def glued_frequencies(rig: ContactModel, theta: float, count: int = 8) -> Array:
     """Natural frequencies of the undamped rig with both translations of C tied to P2, rotations free.
 
-    Those of the finite-element model with all its modes, to rounding. Each is bisected with the number of
+    They are those of the finite-element model with all its modes, to rounding. Each is bisected by counting the
     eigenvalues below a frequency, so that none is missed (Wittrick and Williams, Q. J. Mech. Appl. Math. 24, 1971,
     263-284).
 
@@ -28,7 +28,7 @@ def glued_frequencies(rig: ContactModel, theta: float, count: int = 8) -> Array:
     ----------
     rig : Rig or Structure
     theta, count : float, int
-        Degrees, 0 with a structure; how many, from the lowest: two less than there are modes.
+        Degrees, 0 with a structure; number of frequencies, at most that of modes minus two.
 
     Returns
     -------
@@ -60,7 +60,8 @@ def glued_frequencies(rig: ContactModel, theta: float, count: int = 8) -> Array:
 def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
     """Head mass that makes `frequency` the first natural frequency of the tied rig, kg.
 
-    The rig's own plays no part. A mass M added at A resonates where omega^2 M h = 1, h the tied receptance there.
+    The head mass of `rig` is ignored. With a mass M at A, omega^2 M h = 1 holds at resonance; h is the tied
+    receptance at A.
 
     Parameters
     ----------
@@ -79,7 +80,7 @@ def tune_head_mass(rig: Rig, theta: float, frequency: float = 16.0) -> float:
     allowed = f"above {lowest:.6g} Hz, with a head mass of {HEAVIEST:g} kg, and below {highest:.6g} Hz,"
     target = checks.number("frequency", frequency, f"{allowed} without one", lambda x: lowest < x < highest)
     square, mass = (2.0 * np.pi * target) ** 2, 0.0
-    # If the head mass is many times the beam's, the free translation nearly cancels in the receptance; a second
+    # If the head mass is many times the mass of the beam, the receptance suffers from cancellation; a second
     # step from the first answer then gives full accuracy.
     for _ in range(2):
         loaded = replace(bare, head_mass=mass)
