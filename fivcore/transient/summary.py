@@ -36,37 +36,32 @@ def summarise(run: Run, observer: Observer, sticks: Array) -> dict[str, object]:
     - `mean_normal_force`, `max_normal_force`, `normal_force_999`: N; the last is the 99.9 % quantile.
     - `max_slip_speed`, `slip_speed_999`: m/s, of the surfaces' relative tangential speed, in contact or not.
     - `switches_per_second`: contact transitions of the discretised model. Unlike shares and RMS, their number
-    depends
-      on the discretisation, because most statuses are shorter than the period of the contact oscillation: for the
-      paper's rig at 2 mm/s it is 30 000 by default, 35 000 at a 16th of the step and 52 000 at a cut-off of 400
-      kHz.
+      depends on the discretisation, because most statuses are shorter than the period of the contact oscillation:
+      for the paper's rig at 2 mm/s it is 30 000 by default, 35 000 at a 16th of the step and 52 000 at a cut-off
+      of 400 kHz.
     - `first_slip_time`, `first_separation_time`: s since the drive started; the latter is the first N = 0.
     - `stick_times`, `stick_starts`: s, duration and start of the long sticks (`min_stick`) begun after first slip
       and ended within the run; `mean_stick_time`: their mean; `censored_sticks`: number of those that go on
       at its end.
     - `regime`: see `regime_of`.
     - `energy_residual`: |work in - stored - damped - friction - impact| divided by the sum of their magnitudes or,
-    if
-      larger, by a reference (`normalised.reference_energy`): a thousandth of the energy that the load stores at
+      if larger, by a reference (`normalised.reference_energy`): a thousandth of the energy that the load stores at
       rest, plus the kinetic energy of P2 at V and the energy of an initial state relative to rest. For "paper" the
       residual includes numerical damping and impact losses, which that method does not account for.
     - `cutoff`: Hz, cut-off frequency; for "paper" the highest frequency of all modes. `cutoff_error`: expected
-    error of
-      the shares of time due to the default cut-off; 0 if the contact sticks or slides steadily, NaN for another
-      cut-off. For a structure from modes it is NaN and `cutoff_origin` is "highest mode", because the effect of
-      higher modes is unknown.
+      error of the shares of time due to the default cut-off; 0 if the contact sticks or slides steadily, NaN for
+      another cut-off. For a structure from modes it is NaN and `cutoff_origin` is "highest mode", because the
+      effect of higher modes is unknown.
     - `simulated_time`: s; `settled_early`: whether the rest of the run was filled with proved steady sliding.
     - With several contacts, separation means that no contact is closed, slip that at least one slips, and stick
-    all
-      else; N is the sum of the forces, the slip speed that of the fastest contact. For the contacts that the load
-      closes at rest, `any_open_fraction` is the share of time with at least one of them open, `all_stick_fraction`
-      that with all of them in stick and no other contact in slip. `contact_X`, (c,), is X of each contact: the
-      three shares, `mean_normal_force`, `max_normal_force`, `max_slip_speed` and `switches_per_second`.
-      `unsolved_steps` is the number of steps whose contact forces did not converge.
+      all else; N is the sum of the forces, the slip speed that of the fastest contact. For the contacts that the
+      load closes at rest, `any_open_fraction` is the share of time with at least one of them open,
+      `all_stick_fraction` that with all of them in stick and no other contact in slip. `contact_X`, (c,), is X of
+      each contact: the three shares, `mean_normal_force`, `max_normal_force`, `max_slip_speed` and
+      `switches_per_second`. `unsolved_steps` is the number of steps whose contact forces did not converge.
     - `X_se`: standard error of each X that is a share, mean, RMS, rate or quantile (`observe.standard_errors`). In
-    the
-      regimes "stuck" and "steady sliding" it is 0 for shares, which are constant, and NaN for all else, because a
-      decay has no long-run value. It is NaN if statistics last for less than 16 loading times, and for
+      the regimes "stuck" and "steady sliding" it is 0 for shares, which are constant, and NaN for all else,
+      because a decay has no long-run value. It is NaN if statistics last for less than 16 loading times, and for
       `mean_stick_time` with fewer than 12 sticks.
     """
     scene, F, begun, end = run.scene, run.scene.load, run.begun, run.steps * run.step
@@ -187,8 +182,7 @@ def regime_of(
     """Decide the regime, in this order.
 
     - "undecided": no slip, and the clamp has moved less than 1.3 times the static slip distance (`drive`); or the
-    run
-      ended before it settled (`slip_share` is NaN).
+      run ended before it settled (`slip_share` is NaN).
     - "stuck": no slip, though the clamp has moved further.
     - "steady sliding": more than 99.9 % of the time after settling in slip (`slip_share`), and half the range of
       the slip rate in the last quarter of the run below 1 % of V (`steadiness`).
