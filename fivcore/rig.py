@@ -56,7 +56,7 @@ class Beam:
     Raises
     ------
     ValueError
-        Naming the argument, its value and what is allowed.
+        Names the argument, its value and the allowed values.
     """
 
     length: float
@@ -138,7 +138,7 @@ def checked_theta(name: str, rig: Any, theta: Any) -> float:
 class Rig(ContactModel):
     """Two beams in point contact: the tip C of P1 rests on P2, and the support A of P1 above it is free along y.
 
-    A bad value is a `ValueError`, naming it and what is allowed.
+    A bad value is a `ValueError`, naming it and the allowed values.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def html_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) 
 
 @dataclass(frozen=True)
 class Scene:
-    """One operating point of a rig; a bad value is a `ValueError`, naming it and what is allowed.
+    """One operating point of a rig; a bad value is a `ValueError`, naming it and the allowed values.
 
     Parameters
     ----------

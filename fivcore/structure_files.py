@@ -60,13 +60,13 @@ def read_matrix(path: str | Path, key: str | None = None) -> tuple[sparse.csr_ar
 def read_modes(
     path: str | Path, rows: Mapping[str, Any] | None = None, positions: Mapping[int, Array] | None = None
 ) -> dict[str, Any]:
-    """Read mass-normalised modes: by name, an array with a value for each mode.
+    """Read mass-normalised modes as a dictionary of arrays with one value for each mode.
 
     A CSV file has a line for each mode, and columns frequency [Hz], normal, tangential, and optionally load,
     output, drive, damping_ratio. For a universal file (`.uff`, `.unv`; data sets 55 and 2414) `rows` says what
-    these are, as in {"normal": "node 12, x"}; its shapes are divided by the root of the modal mass where the file
-    has one, and are brought from the units of its data set 164 to SI. With `positions`, m, of its nodes the shapes
-    are kept.
+    these are, as in {"normal": "node 12, x"}; its shapes are divided by the square root of the modal mass, if
+    given, and converted to SI from the units of data set 164. With `positions`, m, of the nodes the shapes are
+    stored.
     """
     with reading(path):
         if Path(path).suffix.lower() in (".uff", ".unv"):
@@ -93,9 +93,9 @@ def structure_arguments(path: str | Path) -> tuple[str, dict[str, Any]]:
 
     `positions`, a text file with node, x, y, z, keeps the shapes of modes at nodes.
 
-    Of several contacts `normal` and `tangential` are lists, or `contacts` is a list of tables {normal, tangential,
-    gap, friction}, or {pairs = [[12, 40], ...], normal = "y", tangential = "x", ...}: gaps of the first nodes over
-    the second ones.
+    With several contacts `normal` and `tangential` are lists, or `contacts` is a list of tables {normal,
+    tangential, gap, friction}, or {pairs = [[12, 40], ...], normal = "y", tangential = "x", ...}: gaps of the
+    first nodes over the second ones.
     """
     with reading(path):
         content, folder = tomllib.loads(Path(path).read_text("utf-8")), Path(path).parent

@@ -60,7 +60,7 @@ def bending(beam: Beam) -> Family:
 def hermite(beam: Beam, position: float) -> tuple[Array, Array]:
     """Rows (N,) and (2 N,) that interpolate u (linear) and w (cubic) of the nodes at `position`, m from node 0."""
     n, h = beam.elements, beam.length / beam.elements
-    # A point that rounding puts a hair beside a node belongs to the node.
+    # A point within rounding of a node belongs to the node.
     place = round(position / h) if abs(position / h - round(position / h)) < 1e-9 else position / h
     e = min(int(place), n - 1)
     x, y, axial_row, bending_row = place - e, 1.0 - (place - e), np.zeros(n + 1), np.zeros(2 * n + 2)

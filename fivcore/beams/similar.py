@@ -1,4 +1,4 @@
-"""Modes at the contact of rigs that differ in all parameters but the mesh, without eigenproblems.
+"""Modes at the contact of rigs with the same mesh and any parameters, without solving eigenproblems.
 
 Cantilevers with the same number of elements are similar: a mode's squared frequency goes with E / (rho L^2) if it
 is axial and with E t^2 / (rho L^4) if it bends, its mass-normalised displacement with m^-1/2. Masses here are in
@@ -38,7 +38,7 @@ def lower_deflections(position: float, deflections: Array) -> Array:
     """Deflections of P2's bending modes at `position` over length, interpolated as by `elements.hermite`."""
     n = len(deflections) // 2 - 1
     place = position * n
-    # A point that rounding puts a hair beside a node belongs to the node.
+    # A point within rounding of a node belongs to the node.
     place = np.rint(place) if abs(place - np.rint(place)) < 1e-9 else place
     e = min(int(place), n - 1)
     x, y, u = place - e, 1.0 - (place - e), deflections[2 * e : 2 * e + 4]

@@ -20,11 +20,11 @@ from scipy.linalg import qr, solve_triangular
 from fivcore.beams.modes import EPS, one_blas_thread
 from fivcore.jit import Array, kernel, reordered_call
 
-# Modes with p above FAR times the band's largest |lambda| are far, and BLOCKS of two replace them: more blocks
-# would add rounding to small couplings of normal and tangential motion. With modal damping they are far above
-# FAR_MODAL times it.
+# Modes with p above FAR times the largest |lambda| of the band are far, and BLOCKS of two modes replace them; more
+# blocks would add rounding to weak couplings of normal and tangential motion. With modal damping the factor is
+# FAR_MODAL.
 FAR, BLOCKS, FAR_MODAL = 40.0, 5, 16.0
-# A node of the quadrature is at least this share of the largest; below, its mode is nothing but compliance.
+# Smallest node of the quadrature relative to the largest; a mode below it is pure compliance.
 STATIC_NODE = 1e-15
 # Points at which responses are interpolated, in units of 2 pi fmax.
 CIRCLE = 1.5 * np.exp(1j * np.pi * (np.arange(16) + 0.5) / 16.0)[:, None]
@@ -42,8 +42,9 @@ def _dot(a: Array, b: Array) -> float:
 def lanczos(s: Array, damping: Array, w: Array, blocks: int) -> tuple[Array, Array, Array]:
     """Gauss quadrature of sum w w^T / (1 - lambda s): nodes (k,), descending, their damping, and weights (r, k).
 
-    `s` and `damping`, c / p, are (m,), `w` is (r, m), and k at most r blocks: a vector that is parallel to those
-    before it is left out. The damping is that of the projected modes by its diagonal, exact with Rayleigh's law.
+    `s` and `damping`, c / p, are (m,), `w` is (r, m), and k is at most r blocks, because vectors parallel to
+    earlier ones are omitted. The damping is the diagonal of the projected damping matrix, which is exact for
+    Rayleigh damping.
     """
     size, used, rows = 0, 0, len(w)
     basis = np.zeros((rows * blocks, len(s)))
@@ -89,8 +90,9 @@ def lanczos(s: Array, damping: Array, w: Array, blocks: int) -> tuple[Array, Arr
 def jacobi(matrix: Array) -> tuple[Array, Array]:
     """Eigenvalues, (n,), and eigenvectors, (n, n), one a column, of a symmetric matrix.
 
-    Small couplings keep their relative accuracy, such as that of normal and tangential motion of an upright rig:
-    LAPACK's would be rounding of the largest (Demmel and Veselic, SIAM J. Matrix Anal. 13, 1992, 1204-1245).
+    Weak couplings, such as that of normal and tangential motion of an upright rig, keep their relative accuracy,
+    which LAPACK would lose to rounding of the largest entry (Demmel and Veselic, SIAM J. Matrix Anal. 13, 1992,
+    1204-1245).
     """
     n, done = len(matrix), False
     both = np.vstack((matrix, np.eye(n)))
@@ -132,9 +134,9 @@ def compressed(p: Array, c: Array, g: Array, far: NDArray[np.bool_], blocks: int
 
 @one_blas_thread()
 def interpolated(p: Array, c: Array, residues: Array, far: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-    """Modes p, c, (n,), and residues (3, n) with some of those that are `far` for all, whatever their damping.
+    """Modes p, c, (n,), and residues (3, n) in which a few of those that are `far` represent all, for any damping.
 
-    In units of the band, sum residues / (p + c phi + phi^2) stays as it is to rounding of its terms at rest.
+    In units of the band, sum residues / (p + c phi + phi^2) is unchanged to the rounding of its terms at phi = 0.
     """
     unit = np.sqrt((residues**2).sum(axis=0))
     near, beyond = np.flatnonzero(~far), np.flatnonzero(far & (unit > 0.0))

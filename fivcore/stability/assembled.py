@@ -163,7 +163,7 @@ class _Problem:
 
 
 def _forces(m: Any, c: Any, k: Any, lam: Complex, x: Complex, unit: float) -> tuple[Any, Any, Any]:
-    """Norms of (lam^2 M + lam C + K) x, of what it is relative to, and of rounding in it."""
+    """Norms of (lam^2 M + lam C + K) x, of its reference, and of its rounding error."""
     forces, size = (lam**2 * (m @ x), lam * (c @ x), k @ x), np.maximum(np.abs(lam), unit)
     rounding = sum(size**power * abs(each).sum(axis=1).max() for power, each in enumerate((k, c, m)))
     rounding = 8.0 * EPS * rounding * _norm(x)

@@ -10,7 +10,7 @@ The same holds on the closed path around the growing modes of the band: up the i
 top of the band to |phi| = 2, on that circle to phi = 2 and along the real axis to 0. Zeros of W on the first three
 parts are all places where a pair of modes enters or leaves, so they count the growing pairs at any friction; the
 least mu on the real axis is where a motion begins to grow without oscillation. Kernels take phi in units of
-2 pi fmax, p in units of its square, d1 and d2 to match; omega is the length of the path.
+2 pi fmax, p in units of its square, and d1 and d2 accordingly; omega is the arc length of the path.
 """
 
 from __future__ import annotations

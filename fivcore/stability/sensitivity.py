@@ -121,7 +121,7 @@ def onset_sensitivity(
 def _listed(
     onsets: FlutterOnsets, names: Sequence[str], values: Array, gradients: Sequence[Array], none: NDArray[np.bool_]
 ) -> OnsetSensitivity:
-    """Derivatives of mu and frequency by name, each (parameters, n); `none` says where there is none."""
+    """Derivatives of mu and frequency by name, each (parameters, n); `none` masks missing ones."""
     roots, tables = (onsets.mu, onsets.frequency), [np.where(none, np.nan, each) for each in gradients]
     tables += [values[:, None] * each / root for each, root in zip(tables, roots, strict=True)]
     by_mu, by_frequency, of_mu, of_frequency = (dict(zip(names, each, strict=True)) for each in tables)
@@ -171,7 +171,7 @@ def _determinant(one: Any, other: Any) -> Any:
 
 
 def _stencil(name: str, value: float, step: float, rig: Rig) -> Array:
-    """Places and weights, (2, 4), such that all of a parameter's changed values are in its range."""
+    """Places and weights, (2, 4), of a difference formula that stays in the range of a parameter."""
     low = rig.contact_position if name == "p2_length" else -np.inf if name == "theta" else 0.0
     high = rig.p2.length if name == "contact_position" else np.inf
     if value - 2.0 * step <= low:

@@ -1,1 +1,1 @@
-"""Motion in time: three methods of one shape, what is observed of them, and the summary."""
+"""Motion in time: three methods with a common interface, observers, and the summary."""

@@ -110,8 +110,8 @@ class ExactRun(Run):
         if starts and self._ramp == 0.0:
             y[n : 2 * n] += model.inertia * scene.speed_per_load
         self._first_energy = self._energy_of(y)
-        # Rigid surfaces may start with any rates, which an impact corrects. In steps of `fast` surfaces that stick
-        # have rates, too, but no impact follows.
+        # Rigid surfaces may start with any gap rates, which an impact corrects. Sticking surfaces in states of
+        # `fast` also have gap rates, but no impact follows.
         touchdown = self.rigid and options.contact != SEPARATION and (starts or options.contact != STICK)
         self._decide(0.0, y, options.contact, touchdown=touchdown)
 

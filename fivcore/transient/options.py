@@ -59,7 +59,7 @@ class Until:
     Raises
     ------
     ValueError
-        Naming the argument, its value and what is allowed.
+        Names the argument, its value and the allowed values.
     """
 
     standard_error: float = 0.005
@@ -143,7 +143,7 @@ class Options:
     Raises
     ------
     ValueError
-        Naming the argument, its value and what is allowed.
+        Names the argument, its value and the allowed values.
     """
 
     method: str = "fast"

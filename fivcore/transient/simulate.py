@@ -52,7 +52,7 @@ def simulate(
     Raises
     ------
     ValueError
-        For a bad argument, naming it, its value and what is allowed.
+        For a bad argument, naming it, its value and the allowed values.
     ContactError
         If the contact force is not unique; raised before the first step, or for falling friction when it occurs.
     DivergenceError
@@ -205,7 +205,7 @@ def painleve_mu(
     Raises
     ------
     ValueError
-        Naming the argument, its value and what is allowed.
+        Names the argument, its value and the allowed values.
     """
     theta = checked_theta("rig", rig, theta)
     given = options_of(options, keywords if method is None else keywords | {"method": method})

@@ -391,7 +391,7 @@ def take_steps(scene: Any, modes: Any, samples: Any, rows: Any, sticks: Any, law
         slip_rate = mean_T
         if not closed:
             contact = SEPARATION
-            # The spring gives up what it holds. What it has taken over all steps of a contact is half its
+            # The spring releases its energy. What it has taken over all steps of a contact is half its
             # stiffness times the last penetration times the one after it; nothing, where that is negative.
             held = u_N if was == SEPARATION else max(p, 0.0)
             released = K_NN * (u_N * held - end_N * end_N) + K_TT * (before * before - end_T * end_T)

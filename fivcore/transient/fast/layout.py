@@ -65,6 +65,6 @@ SCENE = np.dtype([
     *FIELDS,
     *((name, "i8") for name in " ".join(_COUNTS).split()),
 ])  # fmt: skip
-# Of a deviation: gaps and rates without the last impulse, and that impulse; u and the anchor as above.
+# Fields of a deviation: gaps and rates without the last impulse, that impulse, and u and the anchor as above.
 _DEVIATION = "g_N g_T v_N v_T impulse_N impulse_T u_N u_T anchor"
 TANGENT = np.dtype([(name, "f8") for name in _DEVIATION.split()])
