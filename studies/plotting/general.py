@@ -15,7 +15,6 @@ from studies.answering.summary import quantities
 from studies.declaring import labels
 from studies.declaring.parameters import RIG, SCENE
 from studies.motion import regimes
-from studies.motion.run import REGIMES
 from studies.physics.quantities import MU_MAX
 from studies.plotting import figures, planes, signals
 from sweeps import DONE, FAILED
@@ -117,7 +116,8 @@ def _draw_curves(
             planes.along(axes, values, curves.isel(at).values, done[KIND].values, error)
         else:
             text = labels.named(others[0], done[others[0]][k]) if others else None
-            line = "" if name == "onset_frequency" else "-"  # that of another pair wherever it jumps
+            # No line joins classes, nor onset frequencies, which belong to another pair wherever they jump.
+            line = "" if name == "onset_frequency" or flags(done[name]) else "-"
             look: dict[str, Any] = {"marker": "o", "markersize": 3.0, "linestyle": line, "label": text}
             look |= {} if others else {"color": figures.BLUE}
             figures.curve(axes, values, curves.isel(at).values, error, **look)
@@ -136,11 +136,19 @@ def _draw_curves(
                 "label": text,
             }
             axes.plot(values[lacks], np.zeros(lacks.sum()), "x", **look)
-    if name == "regime":
-        axes.set_yticks(range(len(REGIMES)), REGIMES)
+    if words := flags(done[name]):
+        axes.set_yticks(*words)
     elif name in thresholds:
         axes.axhline(thresholds[name], color=figures.GREY, linewidth=0.8)
     axes.set_ylabel(labels.label(done[name], long=True))
+
+
+def flags(array: xr.DataArray) -> tuple[list[int], list[str]] | None:
+    """The values of a variable's classes and their meanings; None of numbers."""
+    if "flag_meanings" not in array.attrs:
+        return None
+    meanings = [word.replace("_", " ") for word in str(array.attrs["flag_meanings"]).split()]
+    return np.atleast_1d(array.attrs["flag_values"]).tolist(), meanings
 
 
 def _draw_planes(
@@ -170,7 +178,10 @@ def _draw_plane(axes: figures.Axes, at: xr.Dataset, name: str, x: str, y: str, t
         log = {"norm": "log"} if at[name].attrs.get("units") == "N s" and values.min() > 0.0 else {}
         text = labels.label(at[name], long=True)
         # Where steady sliding is stable its growth rate is grey.
-        planes.numbers(axes, values, x, y, text, values <= 0.0 if name == "growth_rate" else None, **log)
+        mesh = planes.numbers(axes, values, x, y, text, values <= 0.0 if name == "growth_rate" else None, **log)
+        if (words := flags(at[name])) and mesh.colorbar is not None:
+            mesh.set_clim(words[0][0], words[0][-1])
+            mesh.colorbar.set_ticks(*words)
         axes.set_title("" if values.notnull().any() else "no value")
         planes.hatch_failed(axes, at["status"] == FAILED, x, y)
     if threshold is not None and planes.outline(axes, (at[name] > threshold).where(at[name].notnull()), x, y):
