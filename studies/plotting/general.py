@@ -181,7 +181,7 @@ def _draw_plane(axes: figures.Axes, at: xr.Dataset, name: str, x: str, y: str, t
         mesh = planes.numbers(axes, values, x, y, text, values <= 0.0 if name == "growth_rate" else None, **log)
         if (words := flags(at[name])) and mesh.colorbar is not None:
             mesh.set_clim(words[0][0], words[0][-1])
-            mesh.colorbar.set_ticks(*words)
+            mesh.colorbar.set_ticks(words[0], labels=words[1])
         axes.set_title("" if values.notnull().any() else "no value")
         planes.hatch_failed(axes, at["status"] == FAILED, x, y)
     if threshold is not None and planes.outline(axes, (at[name] > threshold).where(at[name].notnull()), x, y):
