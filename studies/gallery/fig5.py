@@ -8,43 +8,24 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore import Rig, Structure, followed_modes, sliding_modes
 from studies import paper
 from studies.answering.claims import is_papers_point, rig_text
 from studies.answering.results import rig_of, with_variables
 from studies.declaring import labels
 from studies.declaring.spec import evenly
 from studies.motion.run import BAND
-from studies.motion.stability import MODES
+from studies.motion.stability import MODES, mode_numbers, modes_over_friction
 from studies.physics.onsets import crossings
 from studies.plotting import figures, planes
 from studies.plotting import modes as branches
 from studies.study import Claim, Parameter, Study
-from sweeps import Axis
 
-# A file has room for so many modes that enter the band as friction rises, and by which its rigs differ.
-ROOM = 10
-OUTPUTS = MODES
 # The paper's onsets are the first unstable values on a grid of mu with a step of 0.01.
 CLAIMS = tuple(
     Claim(name, {"onset": k}, value, "3.4.2, steps of 0.01" if name == "onset_mu" else "3.4.2")
     for k, onset in enumerate(paper.ONSETS, 1)
     for name, value in zip(("onset_mu", "onset_frequency"), onset, strict=True)
 )
-
-
-def coords(rig: Rig | Structure) -> dict[str, Axis]:
-    """The numbers of the modes."""
-    count = sliding_modes(rig, 0.0, 0.0, BAND).frequency.size
-    return {
-        "mode": Axis(np.arange(1, ROOM * (count // ROOM + 2) + 1), "1", "mode, by its frequency without friction")
-    }
-
-
-def modes(rig: Rig, theta: float, mu: np.ndarray) -> dict[str, np.ndarray]:
-    """Frequency and growth rate of all modes of steady sliding below 10 kHz, which keep their numbers along mu."""
-    modes = followed_modes(rig, theta, mu, BAND)
-    return {"frequency": modes.frequency, "growth_rate": modes.growth_rate}
 
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:
@@ -75,7 +56,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     for k in dict.fromkeys([papers, *np.flatnonzero(grows)[-1:].tolist()]):
         unstable = dataset.isel(mu=k, mode=np.flatnonzero(dataset["growth_rate"][k] > 0.0))
         if unstable.sizes["mode"]:
-            yield f"Unstable modes at mu = {unstable['mu'].item():g}", labels.frame(unstable, ["mode", *OUTPUTS])
+            yield f"Unstable modes at mu = {unstable['mu'].item():g}", labels.frame(unstable, ["mode", *MODES])
 
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
@@ -108,5 +89,6 @@ STUDY = Study(
     paper="Section 3.4.2 and Fig. 5: below 10 kHz and mu = 0.5 three coalescences, first unstable at "
     "mu = 0.12 (2800 Hz), 0.16 (400 Hz) and 0.23 (7700 Hz).",
     parameters={"mu": Parameter(evenly(0.0, 0.5, 501), "1", "coefficient of friction")},
-    outputs=OUTPUTS, function=modes, coords=coords, derive=derive, summary=summarise, figure=draw, claims=CLAIMS,
+    outputs=MODES, function=modes_over_friction, coords=mode_numbers,
+    derive=derive, summary=summarise, figure=draw, claims=CLAIMS,
 )  # fmt: skip
