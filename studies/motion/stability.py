@@ -10,17 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import fivcore
-from fivcore import (
-    FlutterOnsets,
-    Friction,
-    Rig,
-    Scene,
-    Structure,
-    flutter_onsets,
-    followed_modes,
-    model_exponents,
-    sliding_modes,
-)
+from fivcore import FlutterOnsets, Friction, Rig, Scene, Structure, flutter_onsets, model_exponents, sliding_modes
 from studies.declaring import labels
 from studies.declaring.labels import number
 from studies.declaring.parameters import FRICTION, SLIDING
@@ -85,12 +75,6 @@ def mode_numbers(rig: Rig | Structure) -> dict[str, Axis]:
     return {
         "mode": Axis(np.arange(1, ROOM * (count // ROOM + 2) + 1), "1", "mode, by its frequency without friction")
     }
-
-
-def modes_over_friction(rig: Rig, theta: float, mu: np.ndarray) -> dict[str, np.ndarray]:
-    """Frequency and growth rate of all modes of steady sliding below 10 kHz, which keep their numbers along mu."""
-    modes = followed_modes(rig, theta, mu, BAND)
-    return {"frequency": modes.frequency, "growth_rate": modes.growth_rate}
 
 
 def largest_growth(rig: Any, theta: Any, mu: Any, fmax: float = BAND, **law: Any) -> tuple[Array, Array, Array]:
