@@ -78,7 +78,7 @@ def register(study: Study, where: str = "name") -> Study:
     return study
 
 
-def typed(name: str) -> str | None:
+def argument_of(name: str) -> str | None:
     """Return the argument of `fiv run` for a study: its name, or its file if it is the user's own; else None."""
     return name if name in names() else _files.get(name)
 

@@ -55,7 +55,7 @@ def with_errors(dataset: xr.Dataset) -> xr.Dataset:
         .where(error.notnull().any("quantity"), UNKNOWN)
     )
     mismatch, scatter = (rms(part / TOLERANCES, "quantity") for part in (error, standard))
-    added = {
+    added: dict[str, tuple[Array, str, str]] = {
         "quantity_error": (error, "1", "error of each statistic; but for fractions of time, over the reference's"),
         "quantity_standard_error": (standard, "1", "standard error of each statistic's error"),
         "mismatch": (mismatch, "1", "errors over tolerances, rms"),
@@ -67,7 +67,7 @@ def with_errors(dataset: xr.Dataset) -> xr.Dataset:
         ),
         "within": (within.astype(np.int8), "1", "whether first slip and statistics are within tolerance"),
     }  # fmt: skip
-    data = with_variables(data, {name: (part.dims, part.values, *text) for name, (part, *text) in added.items()})
+    data = with_variables(data, {name: (a.dims, a.values, u, text) for name, (a, u, text) in added.items()})
     return with_flags(data, WITHIN, "within")
 
 

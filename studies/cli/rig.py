@@ -56,17 +56,17 @@ def rig(name: str | None, source: str | None, assignments: tuple[str, ...], out:
             raise InputError(f"--set {text!r}: {number} is set already; a rig has one value of it")
         values[number] = value
     if source is None and not values:
-        show("\n".join(described(rigs.named(name, out))))
+        show("\n".join(rig_lines(rigs.named(name, out))))
         return
     with warned(say):
         one, written = rigs.define(name, source, values, out, taken=registry.names())
-    show("\n".join(described(one)))
+    show("\n".join(rig_lines(one)))
     say(f"\nwritten: {one.folder / RIG_FILE}" if written else "\nit is so already")
     more = ["--out", out] if out else []
     say(f"use it:  {' '.join(['fiv run fig5 --rig', one.name, *more])}")
 
 
-def described(one: NamedRig) -> list[str]:
+def rig_lines(one: NamedRig) -> list[str]:
     """A rig's numbers beside the paper's, or its modes, and its results, as lines."""
     from fivcore import Structure
     from studies.asking import rigs
@@ -75,7 +75,7 @@ def described(one: NamedRig) -> list[str]:
 
     lines = [f"rig {one.name}: {', '.join(one.results) or 'no results yet'}"]
     if one.structure is not None:
-        return [*lines, *structure.described(Structure.from_dict(one.structure))]
+        return [*lines, *structure.structure_lines(Structure.from_dict(one.structure))]
     rows = list[tuple[str, ...]]()
     for name, value in one.numbers.items():
         parameter = rigs.NUMBERS[name]
@@ -126,7 +126,7 @@ def compare(a: str, b: str, out: str | None) -> None:
     note = "; ".join(f"{name}: {titles[name]}{own[name]}" for name in pair) + ". Modes below 10 kHz."
     target = results.results_folder(out) / "compare" / f"{a}-{b}.png"
     digest = " ".join(figures.data_digest(data) for data in pair.values())
-    with figures.style(), runner.written(target) as temporary:
+    with figures.style(), runner.atomic_write(target) as temporary:
         temporary.write_bytes(figures.saved(drawing.draw(pair, note), "png", digest))
     say(f"\nwritten: {target}")
 
