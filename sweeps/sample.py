@@ -91,9 +91,9 @@ def quantiles(distribution: Any, probabilities: NDArray[np.float64]) -> NDArray[
 
 
 def distribution_text(distribution: Any) -> str:
-    """Text that identifies a distribution: its own `definition`, SciPy's name and arguments, or quantiles."""
+    """Text that identifies a distribution: its own `described`, SciPy's name and arguments, or quantiles."""
     named: Any = getattr(distribution, "dist", None)
-    if isinstance(own := getattr(distribution, "definition", None), str):
+    if isinstance(own := getattr(distribution, "described", None), str):
         return own
     if hasattr(named, "name") and hasattr(distribution, "args") and hasattr(distribution, "kwds"):
         keywords = [f"{key}={np.asarray(each).tolist()!r}" for key, each in sorted(distribution.kwds.items())]

@@ -148,7 +148,7 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
     owner = dataset.attrs.get("sweep")
     if not (is_path(text) or owner in (file.stem, f"{FITS}_{file.stem}") or file.parent.name == MAPS):
         raise InputError(f"{file}: it holds the results of {owner}, not of {file.stem}")
-    return with_fixed_parameters(dataset)
+    return settled(dataset)
 
 
 def notice(name: str | Path, out: str | Path | None = None) -> str:
@@ -226,9 +226,7 @@ def rig_of(dataset: xr.Dataset) -> Any:
     return Rig.of(**{name: dataset[name].item() for name in RIG})
 
 
-def with_fixed_parameters(
-    dataset: xr.Dataset, about: Mapping[str, tuple[Any, str, str]] | None = None
-) -> xr.Dataset:
+def settled(dataset: xr.Dataset, about: Mapping[str, tuple[Any, str, str]] | None = None) -> xr.Dataset:
     """Add fixed parameters as scalar coordinates: value, units and long name; None, "auto", is NaN.
 
     By default those of the file's request, for a result that is not finished.
@@ -241,7 +239,7 @@ def with_fixed_parameters(
     return dataset.assign_coords(scalars)
 
 
-def has_default_dims(dataset: xr.Dataset, dims: tuple[str, ...]) -> bool:
+def is_usual(dataset: xr.Dataset, dims: tuple[str, ...]) -> bool:
     """Whether the points of a result have these dimensions; of a map, without any, one or two parameters."""
     found = tuple(map(str, dataset["status"].dims))
     # A structure has no numbers of the beams.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from studies.answering import claims
-from studies.answering.results import configuration, has_default_dims, settings, structure_in
+from studies.answering.results import configuration, is_usual, settings, structure_in
 from studies.declaring import labels
 from studies.declaring.parameters import RIG, SCENE
 from studies.motion import above, mixed
@@ -35,7 +35,7 @@ def presented(study: Study, dataset: xr.Dataset) -> xr.Dataset | None:
     pending points have no values.
     """
     status = dataset["status"]
-    if not (has_default_dims(dataset, study.dims) and (status == DONE).any()):
+    if not (is_usual(dataset, study.dims) and (status == DONE).any()):
         return None
     return study.derive(dataset) if study.derive is not None and (status == PENDING).any() else dataset
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fivcore import SceneError
-from studies.answering.results import has_default_dims, structure_in, with_fixed_parameters
+from studies.answering.results import is_usual, settled, structure_in
 from studies.declaring.parameters import FRICTION, RIG, SCENE
 from studies.motion import scenes
 from studies.motion.above import with_growth_above
@@ -146,6 +146,6 @@ def finish(derive: Any, dims: Any, about: Mapping[str, Any], moves: bool, datase
 
     A study in which scenes move gets what grows above the band, too.
     """
-    dataset = with_fixed_parameters(dataset, about)
+    dataset = settled(dataset, about)
     dataset = with_growth_above(dataset, structure_in(dataset) or None) if moves else dataset
-    return derive(dataset) if derive is not None and has_default_dims(dataset, dims) else dataset
+    return derive(dataset) if derive is not None and is_usual(dataset, dims) else dataset

@@ -78,7 +78,7 @@ def name_of(study: Study, request: Request, values: Mapping[str, Any]) -> str:
     numbers = {name: np.ravel(values.get(name, value))[0] for name, value in default.items()}
     # What a named rig has is said by its folder.
     default |= {name: value for name, value in (request.base or {}).items() if name in default}
-    changed = [f"{n}{spec.as_typed(getattr(v, 'text', v))}" for n, v in sorted(numbers.items()) if v != default[n]]
+    changed = [f"{n}{spec.typed(getattr(v, 'text', v))}" for n, v in sorted(numbers.items()) if v != default[n]]
     if request.structure is not None and not request.rig:
         changed.append(f"rig{Structure.from_dict(request.structure).digest[:8]}")
     parts = [request.quantities[0] if request.refine else study.name.removeprefix(f"{MAPS}_"), *request.sides]

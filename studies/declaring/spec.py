@@ -126,7 +126,7 @@ def converted(spec: str, units: str, name: str = "it") -> str:
         count = " (the count has none)" * (separator == ":")
         raise InputError(f"write a unit at each value{count}, or once at the end for all")
     pairs = zip(map(finite, numbers[:values]), bears, strict=False)
-    texts = [as_typed(convert(number, unit, units, name)) for number, unit in pairs]
+    texts = [typed(convert(number, unit, units, name)) for number, unit in pairs]
     return head + separator.join([*texts, *numbers[values:]])
 
 
@@ -191,14 +191,14 @@ def has_unit(text: str) -> bool:
     return bool(re.search(r"[A-Zabcdf-zµ°%]", text.removeprefix("log:")))
 
 
-def as_typed(value: float | str) -> str:
+def typed(value: float | str) -> str:
     """A number as one types it, with all its digits; a word as it is."""
     return str(value) if isinstance(value, (str, int)) else repr(float(value)).removesuffix(".0")
 
 
 def joined(values: Iterable[float | str]) -> str:
     """Values as a list that reads back, and that nobody takes for a decimal comma."""
-    texts = [as_typed(value) for value in values]
+    texts = [typed(value) for value in values]
     return (", " if all(text.isdigit() for text in texts) else ",").join(texts)
 
 

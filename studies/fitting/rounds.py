@@ -87,7 +87,7 @@ def sweep_of_draws(problem: Problem, start: sampling.Proposal, z: Any) -> Sweep:
     draws = {"draw": Axis(np.arange(len(z)), long_name="number of the draw")}
     draws |= {name: Axis(column, *problem.axes[name]) for name, column in numbers(problem, z).items()}
     draws["round"] = Axis(1 + np.arange(len(z)) // problem.samples, long_name="round")
-    priors = {name: prior.definition for name, prior in problem.priors.items()}
+    priors = {name: prior.described for name, prior in problem.priors.items()}
     variables = {t.name: Variable(t.units, t.text) for t in problem.model.targets}
     estimated = [t for t in problem.model.targets if t.has_error]
     variables |= {f"{t.name}_se": Variable(t.units, f"standard error: {t.text}") for t in estimated}

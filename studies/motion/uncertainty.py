@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fivcore import BEAM_PARAMETERS, ManyFlutterOnsets, Rig, checks, flutter_onsets_many
 from studies.declaring.parameters import RIG, SCENE, suggest
-from studies.declaring.spec import as_typed, converted, finite
+from studies.declaring.spec import converted, finite, typed
 from studies.motion.run import BAND
 from sweeps import InputError, Sample, quantiles, unit_draws
 
@@ -66,7 +66,7 @@ class Distribution:
     high: float
 
     @property
-    def definition(self) -> str:
+    def described(self) -> str:
         """Text that identifies the distribution: its definition and its bounds."""
         return f"{self.text} from {self.low:g} to {self.high:g}"
 
@@ -113,16 +113,16 @@ def text_of(given: Any, name: str) -> str:
     try:
         names = _scipys(kind)
         numbers = {"loc": 0.0, "scale": 1.0} | dict(zip(names, given.args, strict=False)) | given.kwds
-        parts = [as_typed(float(numbers[each])) for each in names]
+        parts = [typed(float(numbers[each])) for each in names]
         if not parts:
             raise InputError
     except (AttributeError, TypeError, KeyError, InputError):
         ways = "norm(0.2, 0.02), or a text such as normal:0.2:0.02"
         raise InputError(f"{name} = {given!r}: it must be a frozen distribution of scipy.stats, {ways}") from None
-    own = {"norm": ("normal", parts), "uniform": ("uniform", [parts[0], as_typed(sum(map(float, parts)))])}
+    own = {"norm": ("normal", parts), "uniform": ("uniform", [parts[0], typed(sum(map(float, parts)))])}
     if kind == "loguniform":
         *ends, loc, scale = map(float, parts)
-        own[kind] = ("reciprocal", parts) if loc else (kind, [as_typed(end * scale) for end in ends])
+        own[kind] = ("reciprocal", parts) if loc else (kind, [typed(end * scale) for end in ends])
     kind, parts = own.get(kind, (kind, parts))
     return ":".join([kind, *parts])
 
@@ -147,7 +147,7 @@ def parse(text: str, name: str, units: str = "1") -> Distribution:
             parts[:sized] = converted(",".join(parts[:sized]), units).split(",")
         numbers = [finite(part) for part in parts]
         low, high = PHYSICAL.get(re.sub(r"_\d+$", "", name), (-math.inf, math.inf))
-        found = Distribution(":".join([kind, *map(as_typed, numbers)]), _frozen(kind, *numbers), low, high)
+        found = Distribution(":".join([kind, *map(typed, numbers)]), _frozen(kind, *numbers), low, high)
         if not 1.0 - found.cut >= LEAST_LEFT:
             raise InputError(f"{100.0 * found.cut:.3g} % of it is beyond what {name} can be, {low:g} to {high:g}")
     except ValueError as problem:

@@ -37,7 +37,7 @@ def test_a_range_has_the_values_that_one_would_type(start, stop, count, unit, lo
         np.testing.assert_allclose(found, np.geomspace(float(low), float(high), count), rtol=1e-12)
     else:
         assert found.tolist() == [fifteen(low + (high - low) * k / (count - 1)) for k in range(count)]
-    assert spec.parse(",".join(map(spec.as_typed, found)), "x").tolist() == found.tolist()
+    assert spec.parse(",".join(map(spec.typed, found)), "x").tolist() == found.tolist()
 
 
 @examples(50)

@@ -6,7 +6,7 @@ import xarray as xr
 
 from studies import registry, runner
 from studies.answering import summary
-from studies.answering.results import with_fixed_parameters
+from studies.answering.results import settled
 from sweeps import DONE, PENDING
 from tests import HOME
 
@@ -19,7 +19,7 @@ def results():
 
     def unfinished(name, missing):
         with xr.open_dataset(KEPT / name / f"{name}.nc") as data:
-            data = with_fixed_parameters(data.load())
+            data = settled(data.load())
         study = registry.load(name)
         outputs = [each for each in study.outputs if each in data]
         # Nothing is derived yet.
