@@ -156,7 +156,7 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
         study = str(stored)
     if results.is_path(study):
         if own is not None and not results.results_file(study).resolve().is_relative_to(own.folder.resolve()):
-            advice = f"give the name of a study, such as fiv run fig5 --rig {own.name}"
+            advice = f"give the name of a study, such as fiv run {registry.names_for('first')[0]} --rig {own.name}"
             raise InputError(f"{study}: it has its own rig; leave out --rig, or {advice}")
         with results.damage_as_error(results.results_file(study)):
             source = request.of_result(results.open_dataset(study), study)

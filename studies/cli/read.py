@@ -84,6 +84,7 @@ def show_status(target: str | None, as_json: bool, rig: str | None, out: str | N
     fiv status
     fiv status elsewhere/scenes/scenes.nc --json
     """  # noqa: D301 - the backspace tells click to keep the lines
+    from studies import registry
     from studies.answering import results
     from sweeps import status
 
@@ -98,7 +99,8 @@ def show_status(target: str | None, as_json: bool, rig: str | None, out: str | N
     rows += [
         {"rig": name, **row} for name in rig_names(out) for row in _rows(str(results.results_folder(out) / name))
     ]
-    begin = f"{results.results_folder(out)} has no result; begin with: {results.command('run', 'fig5', out)}"
+    command = results.command("run", registry.names_for("first")[0], out)
+    begin = f"{results.results_folder(out)} has no result; begin with: {command}"
     show(json.dumps(rows) if as_json else _grouped(out) or begin)
 
 

@@ -19,7 +19,7 @@ from studies.declaring import spec
 from studies.declaring.own import parameters, varied
 from studies.declaring.parameters import Parameter, check_keys, suggest, unusual, warn_unusual
 from studies.motion import uncertainty
-from studies.registry import of_quantities
+from studies.registry import names_for, of_quantities
 from studies.study import Study
 from sweeps import InputError, Sweep
 
@@ -165,7 +165,7 @@ class _Reader:
             study = self.resolve(table["study"])
         elif states:
             # A map's motion, of which every realisation counts.
-            study, at = self.resolve("regimes"), {"numerical_damping": "none", **at}
+            study, at = self.resolve(names_for("states")[0]), {"numerical_damping": "none", **at}
         else:
             study = of_quantities(outputs[:1])
         dims = {dim for variable in study.outputs.values() for dim in variable.dims} - study.parameters.keys()

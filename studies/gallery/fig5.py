@@ -89,5 +89,5 @@ STUDY = Study(
     "mu = 0.12 (2800 Hz), 0.16 (400 Hz) and 0.23 (7700 Hz).",
     parameters={"mu": Parameter(evenly(0.0, 0.5, 501), "1", "coefficient of friction")},
     outputs=MODES, function=modes, coords=mode_numbers,
-    derive=derive, summary=summarise, figure=draw, claims=CLAIMS,
+    derive=derive, summary=summarise, figure=draw, claims=CLAIMS, roles=("first", "modes"),
 )  # fmt: skip

@@ -66,7 +66,8 @@ def everything(folder: Path) -> list[str]:
     if not own:
         show = f"; show the reference with: fiv report --out {reference} --file report.html"
         lacks = "has no result" if folder.is_dir() else "does not exist"
-        begin = results.command("run", "fig5", None if folder == Path("results") else folder)
+        (first,) = registry.names_for("first")
+        begin = results.command("run", first, None if folder == Path("results") else folder)
         raise InputError(f"{folder}: the folder {lacks}; begin with: {begin}{show if reference.is_dir() else ''}")
     own.sort(key=lambda file: order.index(file.stem) if file.stem in order else len(order))
     others = (results.file_of(name, reference) for name in order if name not in {file.stem for file in own})
