@@ -35,7 +35,7 @@ def test_a_distribution_is_truncated_to_what_its_parameter_can_be(text, name, un
     assert found.whole_std == pytest.approx(whole.std())
     # Its text defines it again, in the parameter's units.
     again = parse(found.text, name, units)
-    assert again.described == found.definition
+    assert again.described == found.described
     np.testing.assert_array_equal(again.ppf(LEVELS), found.ppf(LEVELS))
 
 
