@@ -243,7 +243,7 @@ def draw_map(quantities: tuple[str, ...], fail_fast: bool, yes: bool, share: str
 @command("check", "Whether the installation computes, stores and draws as it should.")
 def check() -> None:
     """Checks of what the installation computes, stores and draws: a minute at first, most of it to compile."""
-    from studies.cli import checks as installation
+    from studies.cli import installation
 
     show(installation.machine())
     announce_compiling()
