@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 import fivcore
-from fivcore import Beam, ReducedModel, Rig, Scene, checks, full_model, modified, published, reduced_model
+from fivcore import Beam, ReducedModel, Rig, Scene, full_model, modified, published, reduced_model
 from studies import paper
+from studies.accuracy.ablation import truncated, with_dashpot, without_cross_terms
 
 METHODS = FAST, PAPER, EXACT = ("fast", "paper", "exact")
 # V, theta, mu and F of the scenes of the paper's rig; the numbers of the drawn ones in their sequence.
@@ -47,31 +47,6 @@ def drawn_scene(seed: int, number: int) -> Scene:
         speed, load = rng.uniform([1e-3, 5.0], [5e-3, 15.0])
         if fivcore.sliding_modes(rig, theta, mu).growth_rate.max() > 0.0:
             return Scene(speed, theta, mu, load, rig)
-
-
-# Changes of a reduced model for `modify` of `fivcore.simulate`, to measure what a part of the contact is worth.
-def with_dashpot(model: ReducedModel, factor: float) -> ReducedModel:
-    """Multiply the dashpot and with it the relaxation time by `factor`, from 0 (elastic) to 1e6."""
-    return replace(_flexible(model), C=checks.between("factor", factor, 0.0, 1e6, "1") * model.C)
-
-
-def without_cross_terms(model: ReducedModel) -> ReducedModel:
-    """Uncouple normal and tangential direction: the residual flexibility keeps its diagonal, and C / K stays."""
-    K = np.diag(1.0 / np.diag(np.linalg.inv(_flexible(model).K)))
-    return replace(model, K=K, C=model.C[0, 0] / model.K[0, 0] * K)
-
-
-def truncated(model: ReducedModel) -> ReducedModel:
-    """Leave out the residual flexibility: the kept modes touch rigidly."""
-    return replace(_flexible(model), K=np.zeros((2, 2)), C=np.zeros((2, 2)))
-
-
-def _flexible(model: ReducedModel) -> ReducedModel:
-    if not model.K.any():
-        raise fivcore.SceneValueError(
-            "modify: every mode is kept, so there is no residual flexibility; leave it out"
-        )
-    return model
 
 
 def model_of(method: str, scene: Scene, options: Mapping[str, Any]) -> ReducedModel:

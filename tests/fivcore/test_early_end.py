@@ -16,7 +16,7 @@ from fivcore.transient.fast.steady import NORMAL, PENETRATION, SLIP_RATE, VELOCI
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import RunOptions
 from fivcore.transient.statistics import SLIP
-from studies.accuracy.settings import truncated, with_dashpot
+from studies.accuracy.ablation import truncated, with_dashpot
 from tests.helpers.rigs import workshop_rig
 from tests.helpers.runs import SERIES, assert_same_summary
 

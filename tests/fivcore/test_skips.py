@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from fivcore import Rig, Scene, simulate
 from fivcore.contact.reduced import reduced_model
 from fivcore.transient.fast.skip import NO_TABLES, skip_tables
-from studies.accuracy.settings import truncated
+from studies.accuracy.ablation import truncated
 from tests.helpers.examples import examples
 from tests.helpers.runs import SERIES, assert_same_summary
 

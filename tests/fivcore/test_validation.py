@@ -8,7 +8,7 @@ import pytest
 import fivcore
 from fivcore import Beam, InputError, Rig, Scene, Until
 from fivcore.contact.reduced import reduced_model
-from studies.accuracy.settings import truncated, with_dashpot, without_cross_terms
+from studies.accuracy.ablation import truncated, with_dashpot, without_cross_terms
 
 RIG, SCENE, NAN, INF = Rig(), Scene(5e-3, 5.0, 0.2, 9.0), float("nan"), float("inf")
 ZEROS, SHORT = np.zeros(361), partial(with_dashpot, factor=0.6)

@@ -10,7 +10,7 @@ from fivcore import Rig, Scene, State, simulate, sliding_modes
 from fivcore.rig import P1, P2
 from fivcore.transient.published import BETA2
 from fivcore.transient.statistics import SLIP, STICK
-from studies.accuracy.settings import with_dashpot
+from studies.accuracy.ablation import with_dashpot
 from tests import known
 from tests.helpers.sliding import sliding_state
 from tests.helpers.small_systems import METHODS, N_OF, SAMPLED, SPEED_OF, STATE_OF, T_OF, TIME, Fast, by_paper

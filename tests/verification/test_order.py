@@ -15,7 +15,7 @@ from fivcore.transient.fast.solver import take
 from fivcore.transient.normalised import Normalised
 from fivcore.transient.options import RunOptions
 from fivcore.transient.published import BETA2, PAPER_STEP
-from studies.accuracy.settings import truncated, with_dashpot
+from studies.accuracy.ablation import truncated, with_dashpot
 from tests.helpers.small_systems import System, stepped
 from tests.known import AXIAL, CANTILEVER, PINNED, bar
 
