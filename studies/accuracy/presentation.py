@@ -27,7 +27,7 @@ time: largest error, percentage points. Right: off by at most {_ALLOWED} (fracti
 {errors.ERRORS_ALLOWED:g} standard errors; first slip {100.0 * errors.FIRST_SLIP:g} %. {FAST} with {PUBLISHED} is
 compared with the published scheme ({", ".join(SCHEME)}); everything else, that scheme included, with the model as
 given ({", ".join(GIVEN)}). {settings.PAPER}, {MODEL} checks that reference.
-Rigs are `studies.accuracy.settings.drawn_scene({settings.SEED}, number)`."""
+Rigs are `studies.accuracy.rigs.drawn_scene({settings.SEED}, number)`."""
 
 
 def table(data: xr.Dataset) -> pd.DataFrame:

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
-import numpy as np
-
 import fivcore
-from fivcore import Beam, ReducedModel, Rig, Scene, full_model, modified, published, reduced_model
+from fivcore import ReducedModel, Rig, Scene, full_model, modified, published, reduced_model
 from studies import paper
 from studies.accuracy.ablation import truncated, with_dashpot, without_cross_terms
+from studies.accuracy.rigs import drawn_scene
 
 METHODS = FAST, PAPER, EXACT = ("fast", "paper", "exact")
 # V, theta, mu and F of the scenes of the paper's rig; the numbers of the drawn ones in their sequence.
@@ -20,33 +19,12 @@ SEED, DRAWN = 2010, {f"rig {number}": number for number in range(8)}
 SCENES = (*PAPERS, *DRAWN)
 # Scenes of the published scheme, and of what is more expensive still.
 FIVE, TWO = (*PAPERS, "rig 0", "rig 1"), ("5 mm/s", "rig 0")
-# Young's modulus and density of carbon steel, stainless steel, cast iron, brass, titanium and aluminium.
-MATERIALS = ((185e9, 7900.0), (200e9, 7950.0), (110e9, 7200.0), (105e9, 8500.0), (114e9, 4430.0), (70e9, 2700.0))
 
 
 @lru_cache(maxsize=len(SCENES))
 def scene_of(name: str, rig: Rig) -> Scene:
     """The scene by its name; `rig` is that of the paper's scenes."""
     return Scene(*PAPERS[name], rig) if name in PAPERS else drawn_scene(SEED, DRAWN[name])
-
-
-def drawn_scene(seed: int, number: int) -> Scene:
-    """A scene that vibrates, of a rig like the paper's: the first unstable one of the sequence that these begin.
-
-    P1 is 40 to 70 mm long and 1.5 to 4 mm thick, P2 120 to 250 mm long; the contact lies at 35 to 80 % of P2.
-    Elements are as long as the paper's, P1's longer where it is thicker: the published scheme's step is stable.
-    """
-    rng = np.random.default_rng([seed, number])
-    while True:
-        upper, lower = (MATERIALS[k] for k in rng.integers(0, len(MATERIALS), 2))
-        length, thickness, below = rng.uniform([0.040, 0.0015, 0.120], [0.070, 0.004, 0.250])
-        p1 = Beam(length, 0.010, thickness, *upper, int(length / (np.sqrt(thickness / 0.0015) / 600.0)))
-        p2 = Beam(below, 0.015, 0.003, *lower, round(600.0 * below))
-        share, head, theta, mu = rng.uniform([0.35, 1.0, 2.0, 0.15], [0.80, 6.0, 14.0, 0.45])
-        rig = Rig(p1, p2, share * below, head)
-        speed, load = rng.uniform([1e-3, 5.0], [5e-3, 15.0])
-        if fivcore.sliding_modes(rig, theta, mu).growth_rate.max() > 0.0:
-            return Scene(speed, theta, mu, load, rig)
 
 
 def model_of(method: str, scene: Scene, options: Mapping[str, Any]) -> ReducedModel:

@@ -22,7 +22,7 @@ from fivcore.jit import Array
 from fivcore.structure import MOTION_MODES, motion_cutoff
 from fivcore.transient import summary
 from fivcore.transient.normalised import Normalised, loading_time
-from studies.accuracy.settings import drawn_scene
+from studies.accuracy.rigs import drawn_scene
 from studies.physics.classical import belted, cycle
 from tests.benchmarks.tables import Column, Table
 from tests.helpers import meshes

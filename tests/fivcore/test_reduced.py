@@ -26,7 +26,7 @@ from fivcore.rig import P1, P2
 from fivcore.transient.fast.steady import steady_sliding
 from fivcore.transient.published import PAPER_STEP, TAU, contact_closing
 from studies.accuracy.ablation import truncated, with_dashpot, without_cross_terms
-from studies.accuracy.settings import drawn_scene
+from studies.accuracy.rigs import drawn_scene
 from tests.helpers.examples import examples
 
 CUTOFF = 75e3

@@ -27,7 +27,7 @@ from fivcore.transient.options import RunOptions
 from fivcore.transient.published import BETA2
 from fivcore.transient.statistics import SEPARATION, SLIP
 from fivcore.transient.summary import CUTOFF_ERROR, UNSTEADY
-from studies.accuracy.settings import drawn_scene
+from studies.accuracy.rigs import drawn_scene
 from tests.helpers.runs import SERIES, assert_same_run, assert_same_summary
 
 PAPERS = Scene(5e-3, 5.0, 0.2, 9.0)

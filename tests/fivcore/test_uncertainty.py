@@ -24,7 +24,7 @@ from fivcore.transient.observe import (
     standard_errors,
 )
 from fivcore.transient.statistics import SAMPLE
-from studies.accuracy.settings import drawn_scene
+from studies.accuracy.rigs import drawn_scene
 from tests.helpers.runs import assert_same_summary
 from tests.known import SLIP_DISTANCE
 

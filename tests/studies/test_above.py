@@ -7,7 +7,7 @@ import pytest
 
 from fivcore import InputError, OutOfBandWarning, Rig, Scene, growing_frequencies, simulate
 from studies import registry
-from studies.accuracy.settings import drawn_scene
+from studies.accuracy.rigs import drawn_scene
 from studies.answering import summary
 from studies.asking.sweep import sweep_of
 from studies.declaring.parameters import RIG

@@ -9,7 +9,7 @@ from fivcore import Rig, Scene, simulate
 from fivcore.contact.reduced import full_model
 from fivcore.rig import P2
 from fivcore.transient.normalised import Normalised, State, reference_energy
-from studies.accuracy.settings import drawn_scene
+from studies.accuracy.rigs import drawn_scene
 from tests.known import COARSE
 
 # Largest residuals, as fivcore/README.md has them, and longest runs of a kind, s.

@@ -17,7 +17,7 @@ from fivcore.beams.modes import propagator
 from fivcore.contact.reduced import default_cutoff, full_model, reduced_model
 from fivcore.transient.normalised import Normalised, reference_energy
 from fivcore.transient.published import BETA2, PAPER_STEP
-from studies.accuracy.settings import drawn_scene
+from studies.accuracy.rigs import drawn_scene
 from tests.known import COARSE
 
 PAPERS = Scene(5e-3, 5.0, 0.2, 9.0)

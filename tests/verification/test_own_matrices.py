@@ -10,7 +10,7 @@ from scipy import sparse
 from fivcore import equilibrium, flutter_onsets, lyapunov_exponent, simulate, sliding_modes
 from fivcore.contact.reduced import default_cutoff, reduced_model
 from fivcore.transient.normalised import Normalised
-from studies.accuracy.settings import drawn_scene
+from studies.accuracy.rigs import drawn_scene
 from studies.declaring.parameters import RUN
 from studies.motion import following, knock, regimes, starts
 from studies.motion.jobs import each_scene

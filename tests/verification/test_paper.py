@@ -5,7 +5,7 @@ import pytest
 
 from fivcore import Rig, Scene, glued_frequencies, simulate, simulate_many
 from fivcore.contact.reduced import default_cutoff, reduced_model
-from studies.accuracy.settings import drawn_scene
+from studies.accuracy.rigs import drawn_scene
 from tests.known import MOTION, SLIP_DISTANCE, TO_SEPARATION
 
 SHARES = ("stick_fraction", "slip_fraction", "separation_fraction")

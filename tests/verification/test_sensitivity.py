@@ -8,7 +8,7 @@ from scipy.linalg import lu_factor, lu_solve
 
 from fivcore import Rig, flutter_onsets, flutter_onsets_many, onset_curves, onset_sensitivity
 from fivcore.stability.sensitivity import CENTRAL, RELATIVE_STEP
-from studies.accuracy.settings import drawn_scene
+from studies.accuracy.rigs import drawn_scene
 from studies.declaring.parameters import rig_numbers
 from tests.helpers.reference import assemble
 from tests.helpers.rigs import workshop_rig
