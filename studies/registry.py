@@ -6,6 +6,7 @@ path that a user types is run.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Sequence
 from functools import cache
@@ -29,6 +30,8 @@ NAMES = (
 # Where a predefined study is not in the gallery.
 ELSEWHERE = {"accuracy": "studies.accuracy.study", "stress": "studies.stress.study"}
 GROUP = "fiv.studies"
+# What `fiv list` tells of the predefined studies, and their roles (`tests.make_reference`).
+CATALOGUE = Path(__file__).with_name("catalogue.json")
 # Studies of users in this process, and the files which were typed for them, by name.
 _registered: dict[str, Study] = {}
 _files: dict[str, str] = {}
@@ -43,6 +46,12 @@ def installed() -> dict[str, EntryPoint]:
 def names() -> list[str]:
     """Every study with a name: the predefined ones, then the installed ones."""
     return [*NAMES, *sorted(installed())]
+
+
+def names_for(role: str) -> list[str]:
+    """The predefined studies with a role (`Study.roles`), in their order; none of them is imported."""
+    catalogue = json.loads(CATALOGUE.read_text(encoding="utf-8"))
+    return [name for name in NAMES if role in catalogue.get(name, {}).get("roles", ())]
 
 
 def resolve(text: str | Study) -> Study:
@@ -78,7 +87,7 @@ def register(study: Study, where: str = "name") -> Study:
     return study
 
 
-def typed(name: str) -> str | None:
+def argument_of(name: str) -> str | None:
     """Return the argument of `fiv run` for a study: its name, or its file if it is the user's own; else None."""
     return name if name in names() else _files.get(name)
 

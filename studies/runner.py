@@ -116,9 +116,9 @@ def plan(
     numbers = {k: v for k, v in every.items() if v is not None and not hasattr(v, "ppf")}
     lines = unusual(numbers, set(values))
     # A value with its unit lacks none.
-    lines = [line.partition("; ")[0] if request.bears_unit(line.partition(" ")[0]) else line for line in lines]
+    lines = [line.partition("; ")[0] if request.has_unit(line.partition(" ")[0]) else line for line in lines]
     remark = warn_unusual(lines, strict=strict)
-    typed_study, rig = registry.typed(one.name), file if request.structure else None
+    typed_study, rig = registry.argument_of(one.name), file if request.structure else None
     sweep = replace(
         sweep,
         request={**sweep.request, **request.stored()},
@@ -255,7 +255,7 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png", **l
     paths = []
     for name, content in image(study, dataset, form, **look).items():
         paths.append(beside.with_name(f"{beside.stem}{name}.{form}"))
-        with written(paths[-1]) as temporary:
+        with atomic_write(paths[-1]) as temporary:
             temporary.write_bytes(content)
     return paths
 
@@ -273,7 +273,7 @@ def animate(moving: Sequence[Moving], beside: Path, form: str | None, vtu: bool)
             files |= {name: moved.vtu(each, frame).encode() for frame, name in enumerate(names)}
             files[f"{stem}.pvd"] = moved.pvd(each, names).encode()
     for name, content in files.items():
-        with written(beside.parent / name) as temporary:
+        with atomic_write(beside.parent / name) as temporary:
             temporary.write_bytes(content)
     return [beside.with_name(name) for name in files if "/" not in name]
 
@@ -292,7 +292,7 @@ def nothing_moves(study: Study) -> str:
 
 
 @contextmanager
-def written(target: Path) -> Iterator[Path]:
+def atomic_write(target: Path) -> Iterator[Path]:
     """A temporary file beside `target`, renamed to it if all went well, or a `StoreError`."""
     if target.exists() and not target.is_file():
         raise sweeps.StoreError(f"{target} could not be written: it is no file; choose another name")

@@ -67,9 +67,9 @@ class Study:
         Called with what its signature names: `rig`, a `fivcore.Rig`; `scenes`, a list of `fivcore.Scene`;
         `chains`, for each point a tuple of scenes, one for each value of the parameter that `follow` names, whose
         range is the dimension "followed" of the outputs and goes by its own name in a result; `distributions`,
-        the requested ones as text; `record`, series to keep, with their `times`; or parameters: one value of those
-        that are fixed or common, else an array with one entry a point; ``**others`` takes the rest. Returns an
-        array for each output, points first; a shorter one is padded with NaN.
+        the requested ones as text; `record`, series to keep, with their `times`; or parameters, each a scalar if
+        it is fixed or common to the batch, otherwise an array, one entry a point; ``**others`` takes the rest.
+        Returns an array for each output, points first; a shorter one is padded with NaN.
     paper : str
         What the paper says, with the section.
     derive : callable, optional
@@ -102,6 +102,10 @@ class Study:
         With a structure: those of its numbers that are parameters (`studies.asking.own`).
     by_contact : mapping
         Outputs on the dimension `contact`, which a structure with several contacts has besides.
+    roles : tuple of str
+        What central code takes it for, which knows no study by its name: "first", to begin with; "modes", the
+        branches of two rigs side by side; "motions", whose regimes of two rigs are compared; "states", what a fit
+        asks for regimes; "measured", to draw a measured signal in.
     like : str
         The study whose points cost as much as the realisations of this one: it estimates the time of a run.
     thresholds : mapping of str to float
@@ -133,6 +137,7 @@ class Study:
     for_structure: Callable[[Any], Mapping[str, Parameter]] | None = field(default=None, kw_only=True)
     own: tuple[str, ...] = field(default=(), kw_only=True)
     by_contact: Mapping[str, Variable] = field(default_factory=dict, kw_only=True)
+    roles: tuple[str, ...] = field(default=(), kw_only=True)
     like: str = field(default="", kw_only=True)
     thresholds: Mapping[str, float] = field(default_factory=dict, kw_only=True)
     scatter: Callable[[Mapping[str, Any]], Mapping[str, Any]] | None = field(default=None, kw_only=True)

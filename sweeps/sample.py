@@ -64,9 +64,12 @@ def Sample(
     for (name, each), column in zip(distributions.items(), probabilities.T, strict=True):
         values = quantiles(each, column)
         if not np.all(np.isfinite(values)):
-            raise InputError(f"Sample: {name} = {described(each)}: it gives a draw that is not finite")
+            raise InputError(f"Sample: {name} = {distribution_text(each)}: it gives a draw that is not finite")
         draws[name] = Axis(values, *(units or {}).get(name, ("1", "")))
-    sampling = {"method": f"{method}, seed {seed}", **{k: described(each) for k, each in distributions.items()}}
+    sampling = {
+        "method": f"{method}, seed {seed}",
+        **{k: distribution_text(each) for k, each in distributions.items()},
+    }
     number = Axis(np.arange(count), long_name="number of the draw")
     return Grid({DIM: number, **draws, **(axes or {})}, zipped=(DIM, *draws), sampling=sampling)
 
@@ -87,7 +90,7 @@ def quantiles(distribution: Any, probabilities: NDArray[np.float64]) -> NDArray[
     return np.array([float(f"{value:.{DIGITS}g}") for value in values])
 
 
-def described(distribution: Any) -> str:
+def distribution_text(distribution: Any) -> str:
     """Text that identifies a distribution: its own `described`, SciPy's name and arguments, or quantiles."""
     named: Any = getattr(distribution, "dist", None)
     if isinstance(own := getattr(distribution, "described", None), str):

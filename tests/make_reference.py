@@ -41,7 +41,8 @@ def entry(study: Study, folder: Path) -> dict[str, Any]:
         times = dataset["wall_time"].values.ravel()
     seconds = float(np.nansum(times if index is None else times[np.unique(index[index >= 0])]))
     found = {"title": study.title, "question": study.question, "points": plan.points, "seconds": round(seconds, 3)}
-    return found | {"structure": study.takes_structure}
+    found |= {"structure": study.takes_structure}
+    return found | {"roles": list(study.roles)} if study.roles else found
 
 
 def main() -> None:

@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from studies.accuracy.settings import FAST, GIVEN, REFERENCES
+from studies.accuracy.settings import FAST, GIVEN, PUBLISHED, SCHEME
+from studies.answering.results import with_variables
+from studies.motion.stability import with_flags
 
 Array = xr.DataArray
 
@@ -31,41 +33,42 @@ RELATIVE, TOLERANCES = (Array(np.array([row[k] for row in QUANTITIES.values()]),
 ERRORS_ALLOWED, FIRST_SLIP = 2.0, 0.01
 WITHIN, NO, YES, UNKNOWN = ("no", "yes", "unknown"), 0, 1, 2
 STANDARD_ERROR = 0.005  # of the fractions of time: the CPU time to reach it is a result
-ADDED = {
-    "quantity_error": ("1", "error of each statistic; but for fractions of time, over the reference's"),
-    "quantity_standard_error": ("1", "standard error of each statistic's error"),
-    "mismatch": ("1", "errors over tolerances, rms"),
-    "mismatch_standard_error": ("1", "standard errors over tolerances"),
-    "first_slip_error": ("1", "error of the time of the first slip, over it"),
-    "one_second_error": ("1", "largest standard error of a fraction of time over a simulated second"),
-    "time_to_standard_error": ("s", f"CPU time until fractions of time are known to {STANDARD_ERROR:g}"),
-}
 
 
 def with_errors(dataset: xr.Dataset) -> xr.Dataset:
     """Add every error; points that are missing have none."""
     data = dataset.assign_coords(quantity=("quantity", list(QUANTITIES), {"long_name": "compared statistic"}))
     time = data["observed_time"].where(data["observed_time"] > 0.0).mean("member")
-    error, standard, late = _compare(data, time, GIVEN)
-    for pair, reference in REFERENCES.items():
-        here = (data["method"] == pair[0]) & (data["setting"] == pair[1])
-        new = _compare(data, time, reference)
-        error, standard, late = (a.where(here, b) for a, b in zip(new, (error, standard, late), strict=True))
+    damped = (data["method"] == FAST) & (data["setting"] == PUBLISHED)
+    scheme, given = (_compare(data, time, *reference) for reference in (SCHEME, GIVEN))
+    error, standard, late = (a.where(damped, b) for a, b in zip(scheme, given, strict=True))
     # The standard error over a second is the motion's, common to all methods: the median over settings of `fast`.
     variance = xr.concat([data[name].var("member", ddof=1) for name in FRACTIONS], "fraction").max("fraction")
     second = (variance.where(variance > 0.0) * time) ** 0.5
     second = second.reindex({"method": [FAST]}).median(("method", "setting"))
     cost = data["cpu_per_second"] * (second / STANDARD_ERROR) ** 2
-    mismatch = [rms(part / TOLERANCES, "quantity") for part in (error, standard)]
-    added = zip(ADDED.items(), (error, standard, *mismatch, late, second, cost), strict=True)
-    data = data.assign({name: part.assign_attrs(units=u, long_name=text) for (name, (u, text)), part in added})
     # Off by more than tolerance and standard errors; "unknown" where no error is finite.
     wrong = (abs(error) > TOLERANCES + ERRORS_ALLOWED * standard.fillna(0.0)).any("quantity")
-    codes = xr.full_like(late, YES, dtype=np.int8).where(~(wrong | (abs(late) > FIRST_SLIP)), NO)
-    codes = codes.where(error.notnull().any("quantity"), UNKNOWN)
-    flags = {"flag_values": np.arange(len(WITHIN), dtype=np.int8), "flag_meanings": " ".join(WITHIN)}
-    about = {"long_name": "whether first slip and statistics are within tolerance", **flags}
-    return data.assign(within=codes.drop_attrs(deep=False).assign_attrs(about))
+    within = (
+        xr.full_like(late, YES)
+        .where(~(wrong | (abs(late) > FIRST_SLIP)), NO)
+        .where(error.notnull().any("quantity"), UNKNOWN)
+    )
+    mismatch, scatter = (rms(part / TOLERANCES, "quantity") for part in (error, standard))
+    added: dict[str, tuple[Array, str, str]] = {
+        "quantity_error": (error, "1", "error of each statistic; but for fractions of time, over the reference's"),
+        "quantity_standard_error": (standard, "1", "standard error of each statistic's error"),
+        "mismatch": (mismatch, "1", "errors over tolerances, rms"),
+        "mismatch_standard_error": (scatter, "1", "standard errors over tolerances"),
+        "first_slip_error": (late, "1", "error of the time of the first slip, over it"),
+        "one_second_error": (second, "1", "largest standard error of a fraction of time over a simulated second"),
+        "time_to_standard_error": (
+            cost, "s", f"CPU time until fractions of time are known to {STANDARD_ERROR:g}",
+        ),
+        "within": (within.astype(np.int8), "1", "whether first slip and statistics are within tolerance"),
+    }  # fmt: skip
+    data = with_variables(data, {name: (a.dims, a.values, u, text) for name, (a, u, text) in added.items()})
+    return with_flags(data, WITHIN, "within")
 
 
 def difference(values: Array, reference: Array, time: Any, reference_time: Any) -> tuple[Array, Array, Array]:
@@ -95,7 +98,7 @@ def rms(values: Array, dim: str = "scene") -> Array:
     return (values**2).mean(dim) ** 0.5
 
 
-def _compare(data: xr.Dataset, time: Array, pair: tuple[str, str]) -> list[Array]:
+def _compare(data: xr.Dataset, time: Array, *pair: str) -> list[Array]:
     """Errors and standard errors along "quantity", and errors of the first slip; the reference itself has none."""
     enough = data["long_sticks"].sum("member") >= LEAST_STICKS
     data = data.assign(mean_stick_time=data["mean_stick_time"].where(enough))

@@ -10,7 +10,6 @@ import xarray as xr
 
 from studies.accuracy import errors, settings
 from studies.accuracy.settings import CONVERGED, DEFAULT, FAST, GIVEN, MODEL, PAPERS, PUBLISHED, SCHEME
-from studies.answering.results import rig_of
 from studies.plotting import figures
 
 if TYPE_CHECKING:
@@ -27,11 +26,12 @@ Error: over the tolerance, root mean square over statistics and scenes; SE: by s
 time: largest error, percentage points. Right: off by at most {_ALLOWED} (fractions of time: percentage points) and
 {errors.ERRORS_ALLOWED:g} standard errors; first slip {100.0 * errors.FIRST_SLIP:g} %. {FAST} with {PUBLISHED} is
 compared with the published scheme ({", ".join(SCHEME)}); everything else, that scheme included, with the model as
-given ({", ".join(GIVEN)}). {settings.PAPER}, {MODEL} checks that reference."""
+given ({", ".join(GIVEN)}). {settings.PAPER}, {MODEL} checks that reference.
+Rigs are `studies.accuracy.rigs.drawn_scene({settings.SEED}, number)`."""
 
 
 def table(data: xr.Dataset) -> pd.DataFrame:
-    """Methods and settings whose cost is known, in the file's order.
+    """Methods and settings whose cost is known, in the file's order; what is of a group of scenes by its name.
 
     `speed_up` is over the published scheme, the geometric mean over common scenes; `mismatch` and its standard
     `error` are root mean squares, `fraction` is the largest error of a fraction of time; others are means.
@@ -46,8 +46,8 @@ def table(data: xr.Dataset) -> pd.DataFrame:
         columns[f"mismatch {group}"] = errors.rms(data["mismatch"].where(chosen))
         columns[f"error {group}"] = errors.rms(data["mismatch_standard_error"].where(chosen))
         columns[f"fraction {group}"] = fraction.where(chosen).max("scene")
-        no, yes, _ = (((data["within"] == code) & chosen).sum("scene") for code in range(3))
-        columns |= {f"right {group}": yes, f"compared {group}": yes + no}
+        columns[f"right {group}"] = ((data["within"] == errors.YES) & chosen).sum("scene")
+        columns[f"compared {group}"] = ((data["within"] != errors.UNKNOWN) & chosen).sum("scene")
     columns = {name: column.reset_coords(drop=True) for name, column in columns.items()}
     frame = xr.Dataset(columns).to_dataframe(["method", "setting"])
     return frame[frame["cost"].notna()].reset_index()
@@ -62,7 +62,7 @@ def cheapest_right(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def summary(data: xr.Dataset) -> Iterator[Any]:
-    """The finding, costs, errors, scenes, and the terms."""
+    """The finding, costs, errors, and the terms."""
     frame = table(data)
     default = frame[(frame["method"] == FAST) & (frame["setting"] == DEFAULT)]
     for text, rows in (("Default", default), ("Cheapest that is right at every scene", cheapest_right(frame))):
@@ -70,30 +70,15 @@ def summary(data: xr.Dataset) -> Iterator[Any]:
             right, compared = (sum(row[f"{name} {group}"] for group in GROUPS) for name in ("right", "compared"))
             speed = f"{row['speed_up']:.3g} times as fast as the published scheme"
             yield f"{text}: {row['method']}, {row['setting']}, right at {right} of {compared} scenes, {speed}."
-    heads = {"cost": "CPU s/s", "time": "CPU s to SE", "speed_up": "speed-up", "step": "step µs"}
-    cost = frame.assign(step=1e6 * frame["step"])[
-        ["method", "setting", "step", "modes", "cost", "time", "speed_up"]
-    ]
-    yield "Cost", cost.rename(columns=heads)
+    run = frame[["method", "setting"]]
+    costs = {"step µs": 1e6 * frame["step"], "modes": frame["modes"], "CPU s/s": frame["cost"]}
+    yield "Cost", run.assign(**costs, **{"CPU s to SE": frame["time"], "speed-up": frame["speed_up"]})
     for group in GROUPS:
         right, compared = (frame[f"{name} {group}"].astype(str) for name in ("right", "compared"))
         columns = {"error": frame[f"mismatch {group}"], "SE": frame[f"error {group}"]}
         columns |= {"fractions of time": 100.0 * frame[f"fraction {group}"], "right at": right + "/" + compared}
-        yield f"Errors, {group}", frame[["method", "setting"]].assign(**columns)[frame[f"compared {group}"] > 0]
-    yield f"Scenes; rigs are drawn with seed {settings.SEED}", scenes(data)
+        yield f"Errors, {group}", run.assign(**columns)[frame[f"compared {group}"] > 0]
     yield TERMS
-
-
-def scenes(data: xr.Dataset) -> pd.DataFrame:
-    """Each scene, and the standard error of a fraction of time over one second of it."""
-    rows, heads = [], ["V mm/s", "P1 mm", "thick mm", "P2 mm", "contact mm", "θ °", "μ", "F N"]
-    for name in data["scene"].values.tolist():
-        scene = settings.scene_of(name, rig_of(data))
-        p1, p2, at = scene.rig.p1, scene.rig.p2, scene.rig.contact_position
-        lengths = [1e3 * length for length in (scene.V, p1.length, p1.thickness, p2.length, at)]
-        rows.append([*lengths, scene.theta, scene.mu, scene.F])
-    frame = pd.DataFrame(rows, data["scene"].to_index(), heads).reset_index()
-    return frame.assign(**{"SE of 1 s": data["one_second_error"].values})
 
 
 def figure(data: xr.Dataset) -> Figure:
@@ -102,10 +87,10 @@ def figure(data: xr.Dataset) -> Figure:
     panels["b"].sharey(panels["a"])
     for letter, group in zip("ab", GROUPS, strict=True):
         _draw_costs(panels[letter], table(data), group)
-    _draw_scenes(panels["c"], data["mismatch"], MISMATCH)
-    panels["c"].axvline(1.0, color="black", lw=0.8, ls=":")
     timed = data["setting"].isin([DEFAULT, CONVERGED, PUBLISHED, MODEL])
+    _draw_scenes(panels["c"], data["mismatch"], MISMATCH)
     _draw_scenes(panels["d"], data["time_to_standard_error"].where(timed), "CPU time / s")
+    panels["c"].axvline(1.0, color="black", lw=0.8, ls=":")
     until = f"CPU time to a standard error of {errors.STANDARD_ERROR:g} of the fractions of time"
     figures.letter(panels.values(), (*GROUPS, "every setting at each scene", until))
     figures.legend_below(figure, list(panels.values()), 3)

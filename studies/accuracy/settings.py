@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import fivcore
-from fivcore import ReducedModel, Rig, Scene, full_model, is_stable_step, modified, published, reduced_model
+from fivcore import ReducedModel, Rig, Scene, full_model, modified, published, reduced_model
 from studies import paper
 from studies.accuracy.ablation import truncated, with_dashpot, without_cross_terms
 from studies.accuracy.rigs import drawn_scene
@@ -38,30 +38,28 @@ class Setting(NamedTuple):
     """One way to run some methods."""
 
     kind: str  # settings of one kind are one curve of the figure
-    of: Callable[[Scene], dict[str, Any]] = lambda scene: {}  # options of `simulate` that depend on the scene
-    fixed: Mapping[str, Any] = {}  # and those that do not
+    given: Mapping[str, Any] = {}  # arguments of `simulate` that are equal for all scenes
+    cutoff: float = 0.0  # in units of the scene's default, if any
+    step: float = 0.0  # in units of the largest stable one, if any
+    finer: float = 0.0  # by how much shorter the step is than the model's default, if any
     scenes: Mapping[str, tuple[str, ...]] = {FAST: SCENES}  # by method
 
     def options(self, scene: Scene) -> dict[str, Any]:
         """Arguments of `simulate` that differ from the defaults."""
-        return {**self.of(scene), **self.fixed}
+        options = {**self.given}
+        if self.cutoff:
+            options["cutoff"] = self.cutoff * fivcore.default_cutoff(scene.rig)
+        if self.finer:
+            options["step"] = model_of(FAST, scene, options).default_step / self.finer
+        if self.step:
+            options["step"] = self.step * largest_step(model_of(FAST, scene, options), scene.mu)
+        return options
 
 
-def _step(factor: float, scene: Scene) -> dict[str, Any]:  # in units of the largest stable one
-    model = model_of(FAST, scene, {})
+def largest_step(model: ReducedModel, mu: float) -> float:
+    """The largest stable step of `fast`, s."""
     limit = model.largest_step
-    if not is_stable_step(model, scene.mu, limit):
-        limit = fivcore.largest_stable_step(model, scene.mu, limit)
-    return {"step": factor * limit}
-
-
-def _cutoff(factor: float, scene: Scene) -> dict[str, Any]:
-    return {"cutoff": factor * fivcore.default_cutoff(scene.rig)}
-
-
-def _converged(scene: Scene) -> dict[str, Any]:
-    options = _cutoff(3.0, scene)
-    return options | {"step": 0.5 * model_of(FAST, scene, options).default_step}
+    return limit if fivcore.is_stable_step(model, mu, limit) else fivcore.largest_stable_step(model, mu, limit)
 
 
 DEFAULT, CONVERGED = "default", "converged"
@@ -69,17 +67,17 @@ PUBLISHED, MODEL = (f"numerical damping {name}" for name in ("published", "none"
 HALF_STEP = {"numerical_damping": "none", "step": 0.5 * published.PAPER_STEP}
 SETTINGS = {
     DEFAULT: Setting("default", scenes={FAST: SCENES, PAPER: FIVE, EXACT: TWO}),
-    CONVERGED: Setting("converged", _converged),
-    PUBLISHED: Setting("published damping", fixed={"numerical_damping": "published"}, scenes={FAST: FIVE}),
-    MODEL: Setting("no numerical damping", fixed=HALF_STEP, scenes={PAPER: TWO}),
+    CONVERGED: Setting("converged", cutoff=3.0, finer=2.0),
+    PUBLISHED: Setting("published damping", {"numerical_damping": "published"}, scenes={FAST: FIVE}),
+    MODEL: Setting("no numerical damping", HALF_STEP, scenes={PAPER: TWO}),
+    **{f"step {x:g}": Setting("step", step=x) for x in (0.25, 0.5, 0.98)},
+    **{f"cut-off {x:g}": Setting("cut-off", cutoff=x) for x in (0.4, 0.64, 0.8, 1.4, 2.0)},
+    **{
+        f"damping {x:.3g}": Setting("damping", {"modify": partial(with_dashpot, factor=x)})
+        for x in (0.0, 1.0 / 3.0, 3.0)
+    },
+    **{f"truncation {x:g}": Setting("truncation", {"modify": truncated}, cutoff=x) for x in (1.0, 1.4, 2.0)},
+    "cross terms off": Setting("no cross terms", {"modify": without_cross_terms}),
 }
-SETTINGS |= {f"step {x:g}": Setting("step", partial(_step, x)) for x in (0.25, 0.5, 0.98)}
-SETTINGS |= {f"cut-off {x:g}": Setting("cut-off", partial(_cutoff, x)) for x in (0.4, 0.64, 0.8, 1.4, 2.0)}
-for x in (0.0, 1.0 / 3.0, 3.0):
-    SETTINGS[f"damping {x:.3g}"] = Setting("damping", fixed={"modify": partial(with_dashpot, factor=x)})
-for x in (1.0, 1.4, 2.0):
-    SETTINGS[f"truncation {x:g}"] = Setting("truncation", partial(_cutoff, x), {"modify": truncated})
-SETTINGS["cross terms off"] = Setting("no cross terms", fixed={"modify": without_cross_terms})
-# What each method and setting is compared with: the published scheme, or the model as given.
+# What settings are compared with: that with the published scheme's damping with the scheme, others with the model.
 SCHEME, GIVEN = (PAPER, DEFAULT), (FAST, CONVERGED)
-REFERENCES = {(FAST, PUBLISHED): SCHEME}

@@ -50,16 +50,15 @@ OUTPUTS = {
 
 def compare(method: Array, setting: Array, scene: Array, rig: Rig, members: int, **others: Any) -> dict[str, Any]:
     """Run one point at a time, on one thread; NaN where a method has no such setting or is too expensive."""
-    sizes, points = {"member": members, "rival": RIVALS}, list(zip(method, setting, scene, strict=True))
-    values = {
-        n: np.full((len(points), *(sizes[dim] for dim in dims)), np.nan) for n, (_, _, *dims) in OUTPUTS.items()
-    }
-    values["wall_time"] = np.zeros(len(points))
-    for k, (of, name, at) in enumerate(points):
+    sizes = {"member": members, "rival": RIVALS}
+    shapes = {name: [len(method), *(sizes[dim] for dim in dims)] for name, (_, _, *dims) in OUTPUTS.items()}
+    values = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
+    values["wall_time"] = np.zeros(len(method))
+    for k, (of, name, at) in enumerate(zip(method.tolist(), setting.tolist(), scene.tolist(), strict=True)):
         if at in SETTINGS[name].scenes.get(of, ()):
             with TURN:
                 start = time.perf_counter()
-                found = measure(str(of), str(name), scene_of(str(at), rig), members=members, **others)
+                found = measure(of, name, scene_of(at, rig), members=members, **others)
                 found["wall_time"] = time.perf_counter() - start
             for output, value in found.items():
                 values[output][k, ...].flat[: np.size(value)] = value

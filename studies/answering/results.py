@@ -160,7 +160,7 @@ def notice(name: str | Path, out: str | Path | None = None) -> str:
 
 
 @contextmanager
-def reading(file: Path | None) -> Iterator[None]:
+def damage_as_error(file: Path | None) -> Iterator[None]:
     """Turn the damage of a large file, which netCDF finds when its values are used, into an `InputError`."""
     try:
         yield

@@ -18,7 +18,7 @@ from fivcore import Structure
 from studies.answering.results import configuration, expanded, open_dataset, settings, structure_in
 from studies.asking.own import of_structure
 from studies.declaring import spec
-from studies.declaring.parameters import KNOWN, USUAL, check_keys
+from studies.declaring.parameters import KNOWN, USUAL_RANGES, check_keys
 from studies.declaring.units import convert
 from sweeps import InputError
 
@@ -128,10 +128,10 @@ class Request:
             rest |= {"x": self.sides[0], "quantities": list(self.quantities)}
         return {name: value for name, value in rest.items() if value}
 
-    def bears_unit(self, name: str) -> bool:
+    def has_unit(self, name: str) -> bool:
         """Whether a value was typed with a unit."""
         value = self.values.get(name)
-        return isinstance(value, str) and spec.bears_unit(value)
+        return isinstance(value, str) and spec.has_unit(value)
 
 
 def is_distribution(value: Any) -> bool:
@@ -162,13 +162,13 @@ def _read(study: Study, name: str, value: Any) -> Any:
         return parse(value, name, parameter.units)
     if not parameter.is_whole:
         kind = name.removeprefix("p1_").removeprefix("p2_")
-        largest = USUAL[kind][1] if kind in USUAL and name in KNOWN else np.inf
+        largest = USUAL_RANGES[kind][1] if kind in USUAL_RANGES and name in KNOWN else np.inf
         known = KNOWN.get(name, parameter).default
         usual = 0.0 if known is None else float(np.max(np.abs(known)))
         spec.check_commas(value, name, parameter.units, usual, largest)
     values = spec.parse(value, name, parameter.units)
     if name == "V" and study.moves and not np.all(values):
-        raise InputError("V = 0: the drive must move; usual are {:g} to {:g} m/s".format(*USUAL["V"]))
+        raise InputError("V = 0: the drive must move; usual are {:g} to {:g} m/s".format(*USUAL_RANGES["V"]))
     return values
 
 

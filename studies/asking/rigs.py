@@ -309,7 +309,7 @@ def _check(rig: NamedRig, new: Collection[str]) -> None:
     except ValueError as problem:
         raise InputError(str(problem)) from None
     whole = {name: parameter.default for name, parameter in RIG.items()} | numbers
-    bears = Request(values=rig.values).bears_unit
+    bears = Request(values=rig.values).has_unit
     lines = [line.partition("; ")[0] if bears(line.partition(" ")[0]) else line for line in unusual(whole, new)]
     warn_unusual(lines, strict=False)
 

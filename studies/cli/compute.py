@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from studies.cli.app import command, warned
-from studies.cli.execution import estimated, execute, timed, typed, with_axes
+from studies.cli.execution import estimated, execute, timed, typed_command, with_axes
 from studies.cli.measure import DRAWN, SIGNAL, beside
 from studies.cli.options import HOW, MAP, POINTS, STUDY
 from studies.cli.output import columns, say, show
@@ -95,15 +95,15 @@ def _offering(assignments: Sequence[str], rig: str | None, out: str | None) -> I
             raise StoreError(f"{problem}; keep both: {make} && {_with_rig(called, own)}") from None
         name = re.sub(r"[^\w.,+-]", "_", "-".join(text.replace("=", "-", 1) for text in assignments))[:LONGEST]
         if not (out or rig or assignments):
-            raise StoreError(f"{problem}; keep both: {typed('--fresh')} --rig {rigs.PAPER}") from None
+            raise StoreError(f"{problem}; keep both: {typed_command('--fresh')} --rig {rigs.PAPER}") from None
         if out or not name:
             raise
-        raise StoreError(f"{problem}; for example: {typed('--fresh')} --out {name}") from None
+        raise StoreError(f"{problem}; for example: {typed_command('--fresh')} --out {name}") from None
 
 
 def _with_rig(name: str, own: Sequence[str]) -> str:
     """The command of this process with a named rig in place of its own numbers, or of its file."""
-    words, left = list[str](), iter(shlex.split(typed("--fresh")))
+    words, left = list[str](), iter(shlex.split(typed_command("--fresh")))
     for word in left:
         option, equals, value = word.partition("=")
         if option in ("--set", "--rig"):
@@ -144,7 +144,8 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
     config, rig, record, out = (options.pop(name) for name in ("config", "rig", "record", "out"))
     how = {name: options.pop(name) for name in ("fresh", "adopt", "retry_failed", "strict")}
     names = () if record is None else tuple(name.strip() for name in record.split(","))
-    wanted = request.Request(values=values, record=names, command=typed(*SHOWING) if writing else "", **options)
+    command = typed_command(*SHOWING) if writing else ""
+    wanted = request.Request(values=values, record=names, command=command, **options)
     own = rigs.named(rig, out) if rig is not None and rigs.is_name(rig) else None
     out = out if own is None else own.folder
     for option, path in (("--rig", None if own else rig), ("--config", config)):
@@ -155,9 +156,9 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
         study = str(stored)
     if results.is_path(study):
         if own is not None and not results.results_file(study).resolve().is_relative_to(own.folder.resolve()):
-            advice = f"give the name of a study, such as fiv run fig5 --rig {own.name}"
+            advice = f"give the name of a study, such as fiv run {registry.names_for('first')[0]} --rig {own.name}"
             raise InputError(f"{study}: it has its own rig; leave out --rig, or {advice}")
-        with results.reading(results.results_file(study)):
+        with results.damage_as_error(results.results_file(study)):
             source = request.of_result(results.open_dataset(study), study)
         if wanted.structure and not source.structure:
             advice = f"give a STUDY with --rig, such as fiv run {source.study} --rig {rig or config}"
@@ -235,14 +236,14 @@ def draw_map(quantities: tuple[str, ...], fail_fast: bool, yes: bool, share: str
     names, fix, lines = ",".join(quantities), _values(options.pop("standard_error"), assigned), list[str]()
     how = options.pop("scheduler"), options.pop("workers")
     with warned(lines.append):
-        one, planned = runner.plan_map(quantities=names, fix=fix, command=typed(*SHOWING), **options)
+        one, planned = runner.plan_map(quantities=names, fix=fix, command=typed_command(*SHOWING), **options)
     execute(one, _shared(planned, share), how, fail_fast, yes, lines)
 
 
 @command("check", "Whether the installation computes, stores and draws as it should.")
 def check() -> None:
     """Checks of what the installation computes, stores and draws: a minute at first, most of it to compile."""
-    from studies.cli import checks as installation
+    from studies.cli import installation
 
     show(installation.machine())
     announce_compiling()

@@ -18,7 +18,7 @@ import click
 
 from studies.cli.app import warned
 from studies.cli.options import catalogue
-from studies.cli.output import FLAGS, about, say, show, tell
+from studies.cli.output import FLAGS, rough_duration, say, show, tell
 
 if TYPE_CHECKING:
     from studies.runner import RunResult
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 ASK_SECONDS, ASK_BYTES = 300.0, 1e9  # a run that takes longer or writes more asks first
 # A measured time counts if it is below the reference's, or so many times as long: the first points of a run take
 # longer than all others.
-FAR = 10.0
+IMPLAUSIBLE_RATIO = 10.0
 # `timed` computes batches of these sizes at these places of the work, until so many s have passed.
-SIZES, PLACES = (1, 1, 8, 8, 8, 8, 8, 8), (0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875)
+TRIAL_SIZES, TRIAL_PLACES = (1, 1, 8, 8, 8, 8, 8, 8), (0.0, 0.5, 0.25, 0.75, 0.125, 0.625, 0.375, 0.875)
 MEASURED_SECONDS = 0.15
 
 
@@ -41,10 +41,10 @@ def estimated(study: Study, planned: Plan) -> tuple[Plan, str]:
     points = members * planned.requested_count * planned.todo / max(planned.distinct, 1)
     seconds = entry["seconds"] / entry["points"] * points
     advice = "; fiv plan --time measures" * (not study.like)
-    if isnan(seconds) or planned.seconds <= seconds or planned.seconds >= FAR * seconds:
+    if isnan(seconds) or planned.seconds <= seconds or planned.seconds >= IMPLAUSIBLE_RATIO * seconds:
         return planned, repr(planned)
     planned = replace(planned, seconds=seconds)
-    text = f"{about(seconds)}{' on one core' * (seconds >= 1.0)}, as the reference took{advice}"
+    text = f"{rough_duration(seconds)}{' on one core' * (seconds >= 1.0)}, as the reference took{advice}"
     return planned, re.sub(r"(?m)^(estimated time +).*$", lambda line: line[1] + text, repr(planned))
 
 
@@ -55,7 +55,7 @@ def timed(plan: Plan) -> Plan:
     """
     seconds, spent, due = nan if plan.todo else 0.0, 0.0, plan.due.nonzero()[0]
     # Spread over the work, since costs may differ from end to end.
-    for number, (count, place) in enumerate(zip(SIZES, PLACES, strict=True)):
+    for number, (count, place) in enumerate(zip(TRIAL_SIZES, TRIAL_PLACES, strict=True)):
         points = due[int(place * plan.todo) :][:count]
         if not len(points) or spent > MEASURED_SECONDS:
             break
@@ -121,7 +121,7 @@ def watched(planned: Plan) -> Iterator[_Last]:
 
     last = _Last()
     try:
-        with results.reading(planned.store), warned(say), progress(planned.todo) as last.callback:
+        with results.damage_as_error(planned.store), warned(say), progress(planned.todo) as last.callback:
             warnings.simplefilter("ignore", FailedPointsWarning)  # they are listed later
             yield last
     except KeyboardInterrupt as interrupt:
@@ -178,11 +178,11 @@ class _Last:
         now = self.snapshot
         done, todo = (now.done, now.todo) if now else (planned.cached, planned.cached + planned.todo)
         if not done:
-            return f"; nothing was finished; again with: {typed()}"
+            return f"; nothing was finished; again with: {typed_command()}"
         stored = f"{done} of {todo} computations are stored"
-        return f"; {stored}; go on from there with: {typed('--fresh')}"
+        return f"; {stored}; go on from there with: {typed_command('--fresh')}"
 
 
-def typed(*without: str) -> str:
+def typed_command(*without: str) -> str:
     """The command of this process, as one would type it, without some of its options."""
     return shlex.join(["fiv", *(word for word in sys.argv[1:] if word not in without)])

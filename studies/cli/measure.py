@@ -23,7 +23,7 @@ SIGNAL = (
     option("--rate", metavar="HZ", help="Sampling rate of a measured signal, 50kHz, if its file does not say it."),
     option("--channel", metavar="NAME|N", help="Channel of a measured file with several."),
 )
-DRAWN = option("--measured", metavar="FILE", help="A measured velocity (fiv measure) to draw into fig7.")
+DRAWN = option("--measured", metavar="FILE", help="A measured velocity (fiv measure) to draw beside that of B.")
 BAND = option(
     "--band", metavar="LOW:HIGH", default="200Hz:10kHz", show_default=True, help="Where the dominant frequency is."
 )
@@ -67,6 +67,7 @@ def measure(file: str, band: str, **which: Any) -> None:
 
 def beside(study: Study, file: str | None, **which: Any) -> Study:
     """The study, with the measured signal of a file in its figure if one is given."""
+    from studies import registry
     from studies.answering import measured
     from sweeps import InputError
 
@@ -76,7 +77,8 @@ def beside(study: Study, file: str | None, **which: Any) -> Study:
         return study
     figure: Any = study.figure
     if figure is None or "measured" not in signature(figure).parameters:
-        raise InputError(f"--measured {file}: {study.name} does not draw it; fiv run fig7 does")
+        others = " or ".join(registry.names_for("measured"))
+        raise InputError(f"--measured {file}: {study.name} does not draw it; fiv run {others} does")
     one = measured.velocity(measured.read(file, **which))
     one = replace(one, name=f"{Path(file).name}, {one.name}")
     say(f"measured        {one.name}: in the figure alone, which fiv plot draws without it")

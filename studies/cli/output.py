@@ -54,7 +54,7 @@ def columns(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
 
 
-def about(seconds: float) -> str:
+def rough_duration(seconds: float) -> str:
     """A time for a reader who plans the day: "instantly", "about 8 min"."""
     if seconds < 1.0:
         return "instantly"

@@ -33,7 +33,7 @@ def progress(todo: int) -> Iterator[Progress | None]:
         yield _lines()
 
 
-def described(snapshot: Snapshot) -> list[str]:
+def progress_lines(snapshot: Snapshot) -> list[str]:
     """Failures, rate and time left of a run, as far as they are known."""
     from sweeps import duration
 
@@ -74,7 +74,7 @@ def _lines() -> Progress:
         # When a batch begins: the line then names it.
         if snapshot.now and time.monotonic() - last >= INTERVAL:
             last = time.monotonic()
-            done = ", ".join([f"{snapshot.done} of {snapshot.todo} done", *described(snapshot)])
+            done = ", ".join([f"{snapshot.done} of {snapshot.todo} done", *progress_lines(snapshot)])
             tell(f"{done}; now {snapshot.now[0]}")
 
     return update
@@ -93,7 +93,7 @@ def bar(todo: int) -> Iterator[Progress]:
         task = display.add_task("", total=todo)
 
         def update(snapshot: Snapshot) -> None:
-            texts = [STOPPING] if snapshot.stopping else [*described(snapshot), *snapshot.now[:1]]
+            texts = [STOPPING] if snapshot.stopping else [*progress_lines(snapshot), *snapshot.now[:1]]
             line = harmless("  ".join(texts))
             display.update(task, total=snapshot.todo, completed=snapshot.done, description=line)
 

@@ -13,7 +13,7 @@ import click
 
 from studies.cli.app import command
 from studies.cli.options import MOVING, OUT, QUERY, RIGS, TARGET, catalogue, result_names, rig_names, target
-from studies.cli.output import FLAGS, about, columns, say, show, tell
+from studies.cli.output import FLAGS, columns, rough_duration, say, show, tell
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -50,7 +50,7 @@ def list_studies(study: str | None, out: str | None) -> None:
             name, description = one.name, f"\n\n{one.describe()}" if study else ""
             stated = dict[str, Any](title=one.title, question=one.question, structure=one.takes_structure)
             entry = {**stated, "points": points, **entry}
-        lasts = f", {about(entry['seconds'])}" if "seconds" in entry else ""
+        lasts = f", {rough_duration(entry['seconds'])}" if "seconds" in entry else ""
         question = [("", entry["question"])] * (entry["question"] != entry["title"])
         takes = "; takes an own structure (--rig)" if entry.get("structure") else ""
         details = [*question, ("", f"{entry['points']} points{lasts}{takes}")]
@@ -84,12 +84,13 @@ def show_status(target: str | None, as_json: bool, rig: str | None, out: str | N
     fiv status
     fiv status elsewhere/scenes/scenes.nc --json
     """  # noqa: D301 - the backspace tells click to keep the lines
+    from studies import registry
     from studies.answering import results
     from sweeps import status
 
     out = _place(rig, out, target)
     if target is not None:
-        with results.reading(file := _file(target, out)):
+        with results.damage_as_error(file := _file(target, out)):
             now = status(file)
         run = {k: None if value != value else value for k, value in now.run.items()}  # JSON has no NaN
         show(json.dumps(vars(now) | {"run": run}) if as_json else _status_text(now))
@@ -98,7 +99,8 @@ def show_status(target: str | None, as_json: bool, rig: str | None, out: str | N
     rows += [
         {"rig": name, **row} for name in rig_names(out) for row in _rows(str(results.results_folder(out) / name))
     ]
-    begin = f"{results.results_folder(out)} has no result; begin with: {results.command('run', 'fig5', out)}"
+    command = results.command("run", registry.names_for("first")[0], out)
+    begin = f"{results.results_folder(out)} has no result; begin with: {command}"
     show(json.dumps(rows) if as_json else _grouped(out) or begin)
 
 
@@ -150,7 +152,7 @@ def _row(file: Path, size: float, date: float) -> dict[str, str]:
         state += f", {now.failed} failed" if now.failed else ""
     except (ValueError, OSError, RuntimeError):
         points, state = "-", "unreadable"
-    age = about(max(1.0, time.time() - date)).removeprefix("about ")
+    age = rough_duration(max(1.0, time.time() - date)).removeprefix("about ")
     row = {"name": file.stem, "kind": kind, "points": points, "state": state, "size": sweeps.size(size)}
     return row | {"date": f"{datetime.fromtimestamp(date):%d %b %Y, %H:%M}", "age": age}
 
@@ -199,7 +201,7 @@ def query(target: str, rig: str | None, out: str | None, form: str, units: bool,
     from studies.query import query as rows
 
     file = _file(target, _place(rig, out, target))
-    with results.reading(file):
+    with results.damage_as_error(file):
         dataset = results.open_dataset(file)
         frame = rows.select(dataset, note=lambda line: say(f"fiv: {line}"), **which)
         text = rows.text(frame, form, units)
@@ -253,7 +255,7 @@ def plot(
         beside = results.results_folder(out) / file.name if out else file
     elif results.is_reference(file):
         beside = results.file_of(file.stem, out)
-    with results.reading(file):
+    with results.damage_as_error(file):
         dataset = results.open_dataset(file)
         study = runner.study_of(dataset, str(file))
         if film or vtu:

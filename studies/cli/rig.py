@@ -56,17 +56,17 @@ def rig(name: str | None, source: str | None, assignments: tuple[str, ...], out:
             raise InputError(f"--set {text!r}: {number} is set already; a rig has one value of it")
         values[number] = value
     if source is None and not values:
-        show("\n".join(described(rigs.named(name, out))))
+        show("\n".join(rig_lines(rigs.named(name, out))))
         return
     with warned(say):
         one, written = rigs.define(name, source, values, out, taken=registry.names())
-    show("\n".join(described(one)))
+    show("\n".join(rig_lines(one)))
     say(f"\nwritten: {one.folder / RIG_FILE}" if written else "\nit is so already")
     more = ["--out", out] if out else []
-    say(f"use it:  {' '.join(['fiv run fig5 --rig', one.name, *more])}")
+    say(f"use it:  {' '.join(['fiv run', registry.names_for('first')[0], '--rig', one.name, *more])}")
 
 
-def described(one: NamedRig) -> list[str]:
+def rig_lines(one: NamedRig) -> list[str]:
     """A rig's numbers beside the paper's, or its modes, and its results, as lines."""
     from fivcore import Structure
     from studies.asking import rigs
@@ -75,7 +75,7 @@ def described(one: NamedRig) -> list[str]:
 
     lines = [f"rig {one.name}: {', '.join(one.results) or 'no results yet'}"]
     if one.structure is not None:
-        return [*lines, *structure.described(Structure.from_dict(one.structure))]
+        return [*lines, *structure.structure_lines(Structure.from_dict(one.structure))]
     rows = list[tuple[str, ...]]()
     for name, value in one.numbers.items():
         parameter = rigs.NUMBERS[name]
@@ -85,8 +85,6 @@ def described(one: NamedRig) -> list[str]:
 
 
 RIGS = tuple(click.argument(name, metavar=name.upper()) for name in ("a", "b"))
-# Studies that know the regime of a motion.
-MOTIONS = ("regimes", "table6", "scenes")
 
 
 @command("compare", "Two rigs beside each other: numbers, onsets, regimes, a figure.", *RIGS, OUT)
@@ -100,7 +98,7 @@ def compare(a: str, b: str, out: str | None) -> None:
     Where both have results of regimes, table6 or scenes, the regimes at their common points are compared; of the
     paper's rig those of the reference count too.
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies import runner
+    from studies import registry, runner
     from studies.answering import results, summary
     from studies.answering.results import structure_in
     from studies.asking import rigs
@@ -116,7 +114,7 @@ def compare(a: str, b: str, out: str | None) -> None:
     announce_compiling()
     pair = {name: _sliding(name, out) for name in (a, b)}
     motions = dict[str, Any]()
-    for study in MOTIONS:
+    for study in registry.names_for("motions"):
         files = {name: _stored(study, rigs.named(name, out)) for name in pair}
         if all(files.values()):
             motions[study] = {name: results.open_dataset(str(file)) for name, file in files.items()}
@@ -126,31 +124,33 @@ def compare(a: str, b: str, out: str | None) -> None:
     note = "; ".join(f"{name}: {titles[name]}{own[name]}" for name in pair) + ". Modes below 10 kHz."
     target = results.results_folder(out) / "compare" / f"{a}-{b}.png"
     digest = " ".join(figures.data_digest(data) for data in pair.values())
-    with figures.style(), runner.written(target) as temporary:
+    with figures.style(), runner.atomic_write(target) as temporary:
         temporary.write_bytes(figures.saved(drawing.draw(pair, note), "png", digest))
     say(f"\nwritten: {target}")
 
 
 def _sliding(name: str, out: str | None) -> xr.Dataset:
-    """The result of study fig5 of a rig, computed if its folder lacks it; at other settings as it is stored."""
-    from studies import runner
+    """The modes of a rig, computed if its folder lacks it; at other settings as it is stored."""
+    from studies import registry, runner
     from studies.answering import results
     from studies.asking import rigs
     from sweeps import LockedError, StoreError, status
 
-    file = results.file_of("fig5", rigs.named(name, out).folder)
+    (branches,) = registry.names_for("modes")
+    file = results.file_of(branches, rigs.named(name, out).folder)
     try:
-        study, planned = planned_again("fig5", out, name)
+        study, planned = planned_again(branches, out, name)
     except LockedError:
         raise
     except StoreError:
         if status(file).state != "complete":
             raise
-        say(f"fiv: fig5 of {name} is compared as it is stored, with other settings than a run by default has")
+        stored = f"{branches} of {name} is compared as it is stored"
+        say(f"fiv: {stored}, with other settings than a run by default has")
         return results.open_dataset(str(file))
     if not planned.todo:
         return planned.run("sync")
-    say(f"computing fig5 of {name}")
+    say(f"computing {branches} of {name}")
     with watched(planned) as last:
         return runner.execute(study, planned, *runner.backend(None, None), last).dataset
 

@@ -42,7 +42,7 @@ def merge(study: str, folders: tuple[str, ...], rig: str | None, out: str | None
             f"{study}: no share of it in {where}; compute one with: fiv run {study} --share 1/4"
         )
     one, planned = planned_again(source, out, rig)
-    with results.reading(planned.store), warned(lambda line: show(line, err=True)):
+    with results.damage_as_error(planned.store), warned(lambda line: show(line, err=True)):
         dataset = planned.merge(*files[1:])
     if (dataset["status"] == PENDING).any():
         sys.exit(1)

@@ -85,7 +85,7 @@ def structure(
     from studies.asking.request import own_structure
     from studies.declaring import spec
     from studies.plotting import figures, moving, receptances
-    from studies.runner import animate, written
+    from studies.runner import animate, atomic_write
 
     band = checks.band(spec.one(fmax, "fmax", "Hz"))
     mu = checks.between("--mu", mu, 1e-6, 1e3, "a coefficient of friction")
@@ -93,7 +93,7 @@ def structure(
     if film or vtu or (modes and not modes.endswith(".npz")):
         own.displacement(0.0 * own.frequency)  # before all else is computed
     force = checks.between("--load", spec.one(load, "load", "N"), 1e-100, 1e100, "N")
-    show("\n".join(described(own)))
+    show("\n".join(structure_lines(own)))
     if own.several:
         show("\n".join(contacts(own, force)))
     onsets = None
@@ -110,21 +110,21 @@ def structure(
         show(f"no motion: {problem}")
     show("\n".join(hints(own)), end="\n" if any(hints(own)) else "")
     target = results_folder(out) / "structure" / f"{Path(file).stem}.png"
-    with figures.style(), written(target) as temporary:
+    with figures.style(), atomic_write(target) as temporary:
         temporary.write_bytes(figures.saved(receptances.draw(own, band, mu, onsets, force), "png", own.digest))
     paths = [target]
     if modes or film or vtu:
         first = 1.001 * float(onsets.mu[0]) if onsets is not None and len(onsets.mu) else 0.0
         sliding = sliding_modes(own, 0.0, first if at is None else at, band, F=force)
         if modes:
-            with written(path := expanded(modes)) as temporary:
+            with atomic_write(path := expanded(modes)) as temporary:
                 mode_files.write(temporary, path.suffix.lower(), own, sliding)
             paths.append(path)
         paths += animate([moving.sliding(own, sliding)], target, film, vtu) if film or vtu else []
     say("\nwritten: " + ", ".join(map(str, paths)))
 
 
-def described(own: Structure) -> Iterator[str]:
+def structure_lines(own: Structure) -> Iterator[str]:
     """Its modes, what the contact moves, preload, rigid motions, and damping with the contact tied, as lines."""
     import numpy as np
 

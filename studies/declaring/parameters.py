@@ -180,7 +180,7 @@ def published(parameters: Mapping[str, Parameter]) -> dict[str, Parameter]:
 
 
 # Usual ranges, in the parameters' units; V and theta by size. A value beyond is most often one without its unit.
-USUAL: Mapping[str, tuple[float, float, str]] = {
+USUAL_RANGES: Mapping[str, tuple[float, float, str]] = {
     "V": (1e-7, 0.5, "mm/s"),
     "theta": (0.2, 80.0, "radians? it is in degrees"),
     "mu": (0.0, 10.0, ""),
@@ -210,10 +210,10 @@ def unusual(values: Mapping[str, Any], requested: Any) -> list[str]:
     lines = []
     for name, value in values.items():
         kind = name.removeprefix("p1_").removeprefix("p2_")
-        known = name in requested and kind in USUAL and name in KNOWN
+        known = name in requested and kind in USUAL_RANGES and name in KNOWN
         if not known or np.asarray(value).dtype.kind not in "iuf":
             continue
-        low, high, unit = USUAL[kind]
+        low, high, unit = USUAL_RANGES[kind]
         # A range may begin near zero.
         largest = float(np.max(np.abs(np.asarray(value, dtype=float))))
         if largest > high or 0.0 < largest < low:

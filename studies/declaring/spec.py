@@ -186,7 +186,7 @@ def _floats(values: Iterable[Decimal | float]) -> NDArray[Any]:
     return np.array([float(f"{value:.15g}") for value in values])
 
 
-def bears_unit(text: str) -> bool:
+def has_unit(text: str) -> bool:
     """Whether there is a unit in SPEC."""
     return bool(re.search(r"[A-Zabcdf-zµ°%]", text.removeprefix("log:")))
 

@@ -19,7 +19,7 @@ from studies.declaring import spec
 from studies.declaring.own import parameters, varied
 from studies.declaring.parameters import Parameter, check_keys, suggest, unusual, warn_unusual
 from studies.motion import uncertainty
-from studies.registry import of_quantities
+from studies.registry import names_for, of_quantities
 from studies.study import Study
 from sweeps import InputError, Sweep
 
@@ -165,7 +165,7 @@ class _Reader:
             study = self.resolve(table["study"])
         elif states:
             # A map's motion, of which every realisation counts.
-            study, at = self.resolve("regimes"), {"numerical_damping": "none", **at}
+            study, at = self.resolve(names_for("states")[0]), {"numerical_damping": "none", **at}
         else:
             study = of_quantities(outputs[:1])
         dims = {dim for variable in study.outputs.values() for dim in variable.dims} - study.parameters.keys()
@@ -230,7 +230,7 @@ class _Reader:
         for name in drawn.keys() - sweep.grid.axes.keys():
             raise InputError(f"{name}: study {study.name} draws it itself; take another study")
         lines = unusual({name: value for name, value in numbers.items() if value is not None}, values)
-        warn_unusual([line for line in lines if not asked.bears_unit(line.partition(" ")[0])], strict=False)
+        warn_unusual([line for line in lines if not asked.has_unit(line.partition(" ")[0])], strict=False)
         self._sweeps[key] = len(self.sources), sweep
         self.sources.append(Source(bare, numbers, unknowns))
         return self._sweeps[key]
@@ -267,7 +267,7 @@ def _numbers(value: Any, within: Any, units: str) -> tuple[list[float], list[flo
     for name, given in (("value", value), ("within", within)):
         text = ", ".join(map(str, given)) if isinstance(given, list) else str(given)
         relative = name == "within" and text.rstrip().endswith("%")
-        if units != "1" and not spec.bears_unit(text):
+        if units != "1" and not spec.has_unit(text):
             example = f"{text.split(',')[-1].strip()} {units}"
             raise InputError(f"{name} = {text}: it needs its unit, for example {example}")
         found.append(spec.parse(text, name, "1" if relative else units) * (np.abs(found[0]) if relative else 1.0))

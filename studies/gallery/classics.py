@@ -9,19 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from studies.declaring import labels
-from studies.physics.classical import (
-    DAMPING,
-    bar,
-    belt,
-    coupled,
-    decay,
-    fading,
-    hulten,
-    jump,
-    leine,
-    swings,
-)  # fmt: skip
+from studies.physics import classical
 from studies.plotting import figures
 from studies.study import Parameter, Study
 
@@ -40,22 +28,27 @@ OUTPUTS = {
 # Equation, source, accuracy, quantities, and their values: expected, ours and, of a motion, two by 'fast'.
 MODELS: dict[str, Any] = {
     "Hoffmann": ("K = [[2, 1 - 4 mu / 3], [1, 2]]", "Hoffmann et al., Mech. Res. Commun. 29 (2002)", CLOSED,
-        ("onset", "rad/s there", "growth at mu = 1"), partial(coupled, 2.0, 1.0, 1.0, 2.0, 4.0 / 3.0, 1.0)),
+        ("onset", "rad/s there", "growth at mu = 1"),
+        partial(classical.coupled, 2.0, 1.0, 1.0, 2.0, 4.0 / 3.0, 1.0)),
     "Mode coupling": ("K = [[3, .7 - mu], [.7, 1.6]]", "closed form", CLOSED,
-        ("onset", "rad/s there", "growth at mu = 1.5"), partial(coupled, 3.0, 0.7, 0.7, 1.6, 1.0, 1.5)),
+        ("onset", "rad/s there", "growth at mu = 1.5"), partial(classical.coupled, 3.0, 0.7, 0.7, 1.6, 1.0, 1.5)),
     "Hulten": ("K = [[a^2, -mu b^2], [mu a^2, b^2]], C = diag(eta w)", "Sinou, Jezequel, Eur. J. Mech. 26 (2007)",
-        CLOSED, ("undamped, Hz", *(f"onset, eta = {a:g}, {b:g}" for a, b in DAMPING)), hulten),
+        CLOSED, ("undamped, Hz", *(f"onset, eta = {a:g}, {b:g}" for a, b in classical.DAMPING)), classical.hulten),
     "Coulomb decay": ("x'' + 1e4 x = r, |r| <= 1 / root 2", "closed form", MOTION,
-        (*(f"turn {k}, .1 mm" for k in range(1, 5)), "rest, .1 mm"), decay),
-    "Seven swings": ("x'' + x = r, |r| <= 1, 12 at 6", "closed form", MOTION, ("turn", "rest", "time"), swings),
-    "Belt": ("x'' + x = r, |r| <= 1, V = 2 / pi", "Den Hartog", MOTION, ("first slip", "most", "least"), belt),
+        (*(f"turn {k}, .1 mm" for k in range(1, 5)), "rest, .1 mm"), classical.decay),
+    "Seven swings": ("x'' + x = r, |r| <= 1, 12 at 6", "closed form", MOTION, ("turn", "rest", "time"),
+        classical.swings),
+    "Belt": ("x'' + x = r, |r| <= 1, V = 2 / pi", "Den Hartog", MOTION, ("first slip", "most", "least"),
+        classical.belt),
     "Rational": ("x'' + x = r, |r| <= 1 / (1 + 3 v), V = .2", "Leine et al., Nonlinear Dyn. 16 (1998)", CYCLE,
-        ("period", "slip", "stick", "most", "least", *(f"period, V = {V}" for V in (0.05, 0.1, 0.4, 0.8))), leine),
-    "Jump": ("x'' + x = r, |r| <= 1, .5 in slip, V = .2", "closed form", CYCLE, ("stick", "slip", "most"), jump),
+        ("period", "slip", "stick", "most", "least", *(f"period, V = {V}" for V in (0.05, 0.1, 0.4, 0.8))),
+        classical.leine),
+    "Jump": ("x'' + x = r, |r| <= 1, .5 in slip, V = .2", "closed form", CYCLE, ("stick", "slip", "most"),
+        classical.jump),
     "Fading": ("x'' + .1 x' + x = r, |r| <= .5 + .5 exp(-2 v)", "closed form; SciPy", CYCLE,
-        ("stable from V", "sticks up to V"), fading),
+        ("stable from V", "sticks up to V"), classical.fading),
     "Impacting bar": ("E = 900, rho = 1, L = v = 10", "Doyen, Ern, Piperno, SIAM J. Sci. Comput. 33 (2011)",
-        CLOSED, ("pressure", "time"), bar),
+        CLOSED, ("pressure", "time"), classical.bar),
 }  # fmt: skip
 CASES = {f"{name}: {text}": (name, k) for name, model in MODELS.items() for k, text in enumerate(model[3])}
 ABOUT, solved = ("model", "equation", "source"), cache(lambda name: MODELS[name][4]())
@@ -77,10 +70,9 @@ def describe(data: xr.Dataset) -> xr.Dataset:
 
 def summarise(data: xr.Dataset) -> Iterator[Any]:
     """How many values are right, all of them, and what each model is."""
-    right = labels.counted(int((abs(data["difference"]) <= data["accuracy"]).sum()), data.sizes["case"], "value")
-    agree = "agrees" if right.startswith("every") else "agree"
+    right, count = int((abs(data["difference"]) <= data["accuracy"]).sum()), data.sizes["case"]
     yield (
-        f"{right[0].upper()}{right[1:]} {agree} with the known one to {CLOSED:g}, in motions by method exact to"
+        f"{right} of {count} values agree with the known one to {CLOSED:g}, in motions by method exact to"
         f" {MOTION:g}, in cycles to {CYCLE:g}."
     )
     table = data[[*OUTPUTS][:-1]].to_pandas().reset_index()

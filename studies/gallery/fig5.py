@@ -8,37 +8,25 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from fivcore import Rig, Structure, followed_modes, sliding_modes
+from fivcore import Rig, followed_modes
 from studies import paper
 from studies.answering.claims import is_papers_point, rig_text
 from studies.answering.results import rig_of, with_variables
 from studies.declaring import labels
 from studies.declaring.spec import evenly
 from studies.motion.run import BAND
-from studies.motion.stability import MODES
+from studies.motion.stability import MODES, mode_numbers
 from studies.physics.onsets import crossings
 from studies.plotting import figures, planes
 from studies.plotting import modes as branches
 from studies.study import Claim, Parameter, Study
-from sweeps import Axis
 
-# A file has room for so many modes that enter the band as friction rises, and by which its rigs differ.
-ROOM = 10
-OUTPUTS = MODES
 # The paper's onsets are the first unstable values on a grid of mu with a step of 0.01.
 CLAIMS = tuple(
     Claim(name, {"onset": k}, value, "3.4.2, steps of 0.01" if name == "onset_mu" else "3.4.2")
     for k, onset in enumerate(paper.ONSETS, 1)
     for name, value in zip(("onset_mu", "onset_frequency"), onset, strict=True)
 )
-
-
-def coords(rig: Rig | Structure) -> dict[str, Axis]:
-    """The numbers of the modes."""
-    count = sliding_modes(rig, 0.0, 0.0, BAND).frequency.size
-    return {
-        "mode": Axis(np.arange(1, ROOM * (count // ROOM + 2) + 1), "1", "mode, by its frequency without friction")
-    }
 
 
 def modes(rig: Rig, theta: float, mu: np.ndarray) -> dict[str, np.ndarray]:
@@ -75,28 +63,20 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     for k in dict.fromkeys([papers, *np.flatnonzero(grows)[-1:].tolist()]):
         unstable = dataset.isel(mu=k, mode=np.flatnonzero(dataset["growth_rate"][k] > 0.0))
         if unstable.sizes["mode"]:
-            yield f"Unstable modes at mu = {unstable['mu'].item():g}", labels.frame(unstable, ["mode", *OUTPUTS])
+            yield f"Unstable modes at mu = {unstable['mu'].item():g}", labels.frame(unstable, ["mode", *MODES])
 
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
     """Branches over mu as in the paper, unstable ones in colour, and their growth rates below."""
     figure, (top, bottom) = figures.panels(2, 1, 8.5, 4.5, sharex=True)
-    mu, frequency, growth = (dataset[name].values for name in ("mu", "frequency", "growth_rate"))
-    branches.draw_branches(top, bottom, mu, frequency, growth, 1e3, "." if len(mu) < 3 else None)
-    branches.name_growing(bottom, mu[-1], frequency[-1], growth[-1])
-    top.set(
-        ylim=(0.0, min(1e-3 * BAND, max(0.1, 1.3e-3 * np.nanmax(frequency, initial=0.0)))),
-        ylabel="frequency / kHz",
-    )
-    branches.mark_onsets(top, dataset["onset_mu"].values, dataset["onset_frequency"].values, 1e3)
-    branches.mark_recoveries(top, dataset["recovery_mu"].values, 1e-3 * dataset["recovery_frequency"].values)
-    branches.mark_divergence((top, bottom), float(dataset["divergence_mu"]))
+    branches.draw_result(top, bottom, dataset)
     if is_papers_point(dataset, theta=paper.THETA):
         look = planes.PAPER["first unstable μ"] | {"color": figures.ORANGE, "markerfacecolor": "none"}
         planes.marks(top, [(mu, 1e-3 * hertz) for mu, hertz in paper.ONSETS], **look | {"markeredgecolor": None})
     figures.letter((top, bottom), ("frequency", "growth rate of unstable modes"))
     figures.legend_below(figure, [top], 3)
     figure.suptitle(f"Modes of steady sliding{rig_text(dataset)}")
+    top.set_ylabel("frequency / kHz")
     bottom.set(ylabel="growth rate / (1/s)", xlabel="coefficient of friction μ", ylim=(0.0, None))
     return figure
 
@@ -108,5 +88,6 @@ STUDY = Study(
     paper="Section 3.4.2 and Fig. 5: below 10 kHz and mu = 0.5 three coalescences, first unstable at "
     "mu = 0.12 (2800 Hz), 0.16 (400 Hz) and 0.23 (7700 Hz).",
     parameters={"mu": Parameter(evenly(0.0, 0.5, 501), "1", "coefficient of friction")},
-    outputs=OUTPUTS, function=modes, coords=coords, derive=derive, summary=summarise, figure=draw, claims=CLAIMS,
+    outputs=MODES, function=modes, coords=mode_numbers,
+    derive=derive, summary=summarise, figure=draw, claims=CLAIMS, roles=("first", "modes"),
 )  # fmt: skip

@@ -149,5 +149,5 @@ STUDY = Study(
     }
     | published(RUN),
     outputs=OUTPUTS, function=histories, coords=series.coords, check=run.check, derive=derive, summary=summarise,
-    figure=draw, claims=CLAIMS, chaotic=True, beams=True,
+    figure=draw, claims=CLAIMS, chaotic=True, beams=True, roles=("measured",),
 )  # fmt: skip

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-import fivcore
-from fivcore import InputError, Rig, Scene, Structure, checks, flutter_onsets, on_foot, steady_forces
+from fivcore import Rig, Scene, checks, reduced_model
 from studies.declaring import labels
 from studies.declaring.spec import evenly
 from studies.motion import ensemble, mixed
 from studies.motion.jobs import Job, outcomes
-from studies.motion.stability import largest_growth
+from studies.physics.foot import closed, foot, growth, onset
 from studies.plotting import figures, planes
 from studies.study import Parameter, Study
 
@@ -36,28 +34,6 @@ for name, unit in zip(STATISTICS, ("1", "1", "m s-1"), strict=True):
 MOST, ABOUT = 20, ("onset_mu", "onset_frequency", "closed_at_rest", "closed_at_onset")
 COLUMNS = ("nodes", "mu", "finer", "closed", "regime", *STATISTICS)
 COLOURS = (figures.BLACK, figures.ORANGE, figures.RED, figures.BLUE, figures.GREY)
-foot = lru_cache(maxsize=64)(on_foot)
-
-
-@lru_cache(maxsize=64)
-def onset(own: Structure) -> tuple[float, float]:
-    """The lowest friction at which steady sliding is unstable, and its frequency, Hz, 0 where it diverges."""
-    found = flutter_onsets(own, 0.0)
-    flutter = *found.mu[:1].tolist(), *found.frequency[:1].tolist()
-    return flutter if flutter and not found.divergence_mu < flutter[0] else (found.divergence_mu, 0.0)
-
-
-def closed(own: Structure, mu: float) -> float:
-    """Number of contacts that are closed in steady sliding; NaN where there is none."""
-    try:
-        return float((steady_forces(own, mu) > 0.0).sum()) if own.several and mu >= 0.0 else 1.0
-    except InputError:
-        return np.nan
-
-
-def growth(own: Structure, mu: float) -> float:
-    """Growth rate of steady sliding's least stable mode, 1/s; NaN where there is no steady sliding."""
-    return float(largest_growth(own, 0.0, mu)[0]) if closed(own, mu) > 0.0 else np.nan
 
 
 def motions(
@@ -68,7 +44,7 @@ def motions(
 
     def jobs(V: float, theta: float, mu: float, F: float, nodes: float, finer: float) -> list[Job]:
         own = foot(rig, theta, int(nodes), foot_length)
-        step = fivcore.reduced_model(own, 0.0, options["cutoff"]).default_step / finer
+        step = reduced_model(own, 0.0, options["cutoff"]).default_step / finer
         runs = ensemble.ensemble(Scene(V, 0.0, mu, F, own), members, options)
         return [replace(job, options={**job.options, "step": step}) for job in runs]
 

@@ -117,5 +117,5 @@ STUDY = Study(
     # Beside the paper's regimes, and stability below 10 kHz: without that damping modes above it grow first.
     | ensemble.until(0.3, 16.0, "published"),
     outputs=OUTPUTS, function=motions, coords=ensemble.coords, check=ensemble.check, derive=derive,
-    summary=summarise, figure=draw, claims=CLAIMS, normalised=True, chaotic=True,
+    summary=summarise, figure=draw, claims=CLAIMS, normalised=True, chaotic=True, roles=("motions", "states"),
 )  # fmt: skip

@@ -111,4 +111,5 @@ STUDY = Study(
     figure=draw,
     normalised=True,
     chaotic=True,
+    roles=("motions",),
 )  # fmt: skip

@@ -9,49 +9,23 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from fivcore import Rig, Structure, checks
+from fivcore import Structure, checks
 from studies import paper
 from studies.answering.claims import rig_text
 from studies.answering.results import structure_in
 from studies.declaring import labels
 from studies.declaring.parameters import RIG, Parameter
 from studies.declaring.spec import evenly
-from studies.motion.uncertainty import UNCERTAIN
-from studies.physics.onsets import PAIRS, changed, pairs_at
+from studies.physics.onsets import PAIRS, SENSITIVITIES, VARIED, sensitivities
 from studies.plotting import figures, planes
 from studies.study import Study
-from sweeps import Axis, Variable
+from sweeps import Axis
 
 # Parameters that the summary names; largest sensitivity of one that hardly matters; looks over theta.
 MATTER, SLIGHT = 3, 0.1
 # Bars of a pair; a structure may have many modes.
 MOST_BARS = 24
 COLOURS, MARKERS = (figures.BLUE, figures.RED, figures.GREEN, figures.ORANGE, figures.GREY), "os^Dv"
-# Onsets have derivatives by all that stability depends on but mu.
-NAMES = tuple(name for name in UNCERTAIN if name != "mu")
-OUTPUTS = {
-    "onset_mu": ("1", "coefficient of friction at the pair's flutter onset", "pair"),
-    "onset_frequency": ("Hz", "frequency at the pair's flutter onset", "pair"),
-    "elasticity_mu": ("1", "relative change of onset_mu for that of the parameter", "pair"),
-    "elasticity_frequency": ("1", "relative change of onset_frequency for that of the parameter", "pair"),
-    "change_mu": ("1", "change of onset_mu when the parameter is 1 % larger, solved again", "pair"),
-    "change_frequency": ("Hz", "change of onset_frequency when the parameter is 1 % larger, solved again", "pair"),
-    "fold": Variable("1", "whether the onset meets a recovery", ("pair",), "int8", flags={0: "no", 1: "yes"}),
-}
-
-
-def sensitivities(rig: Rig, theta: Any, parameter: Any, pairs_theta: float, mu_max: float) -> dict[str, Any]:
-    """The outputs at each point; NaN for a pair without an onset, so for all at theta <= 0."""
-    results = {name: np.full((len(theta), PAIRS), 0.0 if name == "fold" else np.nan) for name in OUTPUTS}
-    for row, (angle, name) in enumerate(zip(theta.tolist(), parameter.tolist(), strict=True)):
-        onsets, places = pairs_at(rig, angle, pairs_theta, mu_max)
-        mu, frequency = changed(rig, angle, name, onsets, mu_max)
-        normalised = onsets.mu_normalised[name], onsets.frequency_normalised[name]
-        changes = mu - onsets.mu, frequency - onsets.frequency
-        values = onsets.mu, onsets.frequency, *normalised, *changes, onsets.fold
-        for output, value in zip(OUTPUTS, values, strict=True):
-            results[output][row, places >= 0] = value[places[places >= 0]]
-    return results
 
 
 def of_structure(own: Structure) -> dict[str, Parameter]:
@@ -166,11 +140,11 @@ STUDY = Study(
     "and 0.23 (7700 Hz). Section 3.6: the geometry of the contact matters; only theta is varied.",
     parameters={
         "theta": Parameter(evenly(0.5, 20.0, 40), "degree", "inclination of P1"),
-        "parameter": Parameter(NAMES, "1", "parameter that is changed, the others kept; theta in degrees"),
+        "parameter": Parameter(VARIED, "1", "parameter that is changed, the others kept; theta in degrees"),
         "pairs_theta": Parameter(paper.THETA, "degree", "where onset_mu numbers the pairs", common=True),
         "mu_max": Parameter(1.0, "1", "largest friction of interest", common=True),
     },
-    outputs=OUTPUTS, function=sensitivities,
+    outputs=SENSITIVITIES, function=sensitivities,
     coords={"pair": Axis(np.arange(1, PAIRS + 1), "1", "pair, ascending in onset_mu at pairs_theta")},
     check=check, summary=summarise, figure=draw, for_structure=of_structure,
 )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -11,12 +11,10 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from fivcore import Scene
 from studies import paper
 from studies.declaring import labels, spec
 from studies.declaring.parameters import RUN, Parameter
 from studies.motion import ensemble, stick_fit
-from studies.motion.jobs import outcomes
 from studies.motion.run import SETTLING
 from studies.plotting import figures, planes
 from studies.study import Claim, Study
@@ -33,13 +31,6 @@ LOOKS: dict[str, dict[str, Any]] = {
     "sustained": {"color": figures.BLUE, "marker": "o", "label": "sustained"},
 }
 MARKERS = "ov^Ds"
-
-
-def sticks(scenes: Sequence[Scene], member: Any, **run: Any) -> dict[str, Any]:
-    """The long sticks of one realisation of each normalised scene."""
-    numbers = np.broadcast_to(member, len(scenes)).tolist()
-    jobs = [[ensemble.realisation(scene, number, run)] for scene, number in zip(scenes, numbers, strict=True)]
-    return outcomes(jobs, lambda jobs, runs: stick_fit.of_sticks(jobs[0].scene, runs[0].summary))
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
@@ -152,7 +143,7 @@ STUDY = Study(
         **ensemble.loading_times(3.0, 1.0, 30.0, "published"),
         "cutoff": replace(RUN["cutoff"], default=CUTOFF),
     },
-    outputs=stick_fit.OUTPUTS, function=sticks,
+    outputs=stick_fit.OUTPUTS, function=stick_fit.sticks,
     coords={"stick": Axis(np.arange(1, stick_fit.KEPT + 1), "1", "long stick, in the order in which they begin")},
     derive=stick_fit.with_laws, summary=summarise, figure=draw,
     claims=(

@@ -152,5 +152,5 @@ STUDY = Study(
         **ensemble.until(0.3, 8.0, "published"),
     },
     outputs=OUTPUTS, function=inclinations, coords=coords, derive=derive, summary=summarise, figure=draw,
-    claims=CLAIMS, check=check, chaotic=True, beams=True,
+    claims=CLAIMS, check=check, chaotic=True, beams=True, roles=("motions",),
 )  # fmt: skip

@@ -100,7 +100,7 @@ def told(dataset: xr.Dataset, named: int = NAMED) -> Iterator[str]:
         points = [dataset.isel(dict(zip(dims, place, strict=True))) for place in places[:named]]
         vary = [str(dim) for dim in dims if sizes[dim] > 1]
         where = [", ".join(labels.named(dim, point[dim]) for dim in vary) for point in points]
-        each = [": ".join(filter(None, pair)) for pair in zip(where, map(described, points), strict=True)]
+        each = [": ".join(filter(None, pair)) for pair in zip(where, map(motions_text, points), strict=True)]
         more = f"; and {len(places) - named} more" * (named > 0) * (len(places) > named)
         yield (
             f"At {len(places)} of {dataset['status'].size} points the realisations follow different motions, so"
@@ -109,7 +109,7 @@ def told(dataset: xr.Dataset, named: int = NAMED) -> Iterator[str]:
         )
 
 
-def described(point: xr.Dataset) -> str:
+def motions_text(point: xr.Dataset) -> str:
     """The motions of a point: "7 of 12 irregular (stick 0.71, RMS 5.1 mm/s), 5 steady sliding (stick 0)"."""
     members, texts = float(point["members"]), list[str]()
     words, (unit, factor) = labels.words(point["motion_regime"]), labels.unit_of(point["motion_velocity_rms"])

@@ -16,7 +16,7 @@ from studies.declaring.labels import number
 from studies.declaring.parameters import FRICTION, SLIDING
 from studies.motion.run import BAND
 from studies.motion.scenes import friction_of
-from sweeps import Variable
+from sweeps import Axis, Variable
 
 Array = NDArray[Any]
 
@@ -29,6 +29,8 @@ MODES = {
     "frequency": ("Hz", "frequency of the sliding mode", "mode"),
     "growth_rate": ("s-1", "growth rate of the sliding mode", "mode"),
 }
+# A file has room for so many modes that enter the band as friction rises, and by which its rigs differ.
+ROOM = 10
 LEAST_STABLE = {
     "mode_growth_rate": Variable("s-1", "growth rate of the least stable mode of steady sliding below 10 kHz"),
     "mode_frequency": Variable("Hz", "frequency of the least stable mode of steady sliding below 10 kHz"),
@@ -65,6 +67,14 @@ INTERVALS = {
     "peak_frequency": ("peak_frequency", "Hz", "frequency of the pair at its largest growth rate"),
 }
 MIRRORED = {"from": "to", "to": "from"}
+
+
+def mode_numbers(rig: Rig | Structure) -> dict[str, Axis]:
+    """The numbers of the modes."""
+    count = sliding_modes(rig, 0.0, 0.0, BAND).frequency.size
+    return {
+        "mode": Axis(np.arange(1, ROOM * (count // ROOM + 2) + 1), "1", "mode, by its frequency without friction")
+    }
 
 
 def largest_growth(rig: Any, theta: Any, mu: Any, fmax: float = BAND, **law: Any) -> tuple[Array, Array, Array]:

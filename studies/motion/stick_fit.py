@@ -5,6 +5,7 @@ Sticks of one run are not independent of each other, realisations are: the boots
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from fivcore import LONG_SHARE, Scene, checks, loading_time
 from studies import paper
 from studies.declaring import labels
 from studies.motion import ensemble
+from studies.motion.jobs import outcomes
 from studies.motion.run import SETTLING
 from sweeps import Variable
 
@@ -53,6 +55,13 @@ OUTPUTS = {
 }
 # Of fewer sticks a realisation no mean is drawn.
 LEAST_STICKS = 1.25
+
+
+def sticks(scenes: Sequence[Scene], member: Any, **run: Any) -> dict[str, Any]:
+    """The long sticks of one realisation of each normalised scene."""
+    numbers = np.broadcast_to(member, len(scenes)).tolist()
+    jobs = [[ensemble.realisation(scene, number, run)] for scene, number in zip(scenes, numbers, strict=True)]
+    return outcomes(jobs, lambda jobs, runs: of_sticks(jobs[0].scene, runs[0].summary))
 
 
 def of_sticks(scene: Scene, run: Any) -> dict[str, Any]:

@@ -19,7 +19,8 @@ from studies.declaring.parameters import rig_numbers
 from studies.motion.run import BAND
 from studies.motion.scenes import rig_of
 from studies.motion.stability import first_onsets, friction_in, with_flags, with_unstable_intervals
-from sweeps import InputError
+from studies.motion.uncertainty import UNCERTAIN
+from sweeps import InputError, Variable
 
 ENDS = ("range", "mu_max", "fmax", "fold")
 TRACED = {"theta": "degree", "mu": "1", "frequency": "Hz"}
@@ -28,6 +29,17 @@ BRANCHES = {"pair": ("onset", "the pair's flutter onset"), "recovery": ("recover
 # Relative change of a parameter. Friction is a function of frequency, which tells onsets apart: further than SAME
 # from the predicted frequency an onset may be another, born where this one met a recovery.
 PAIRS, STEP, SAME = 3, 0.01, 0.01
+# Onsets have derivatives by all that stability depends on but mu.
+VARIED = tuple(name for name in UNCERTAIN if name != "mu")
+SENSITIVITIES = {
+    "onset_mu": ("1", "coefficient of friction at the pair's flutter onset", "pair"),
+    "onset_frequency": ("Hz", "frequency at the pair's flutter onset", "pair"),
+    "elasticity_mu": ("1", "relative change of onset_mu for that of the parameter", "pair"),
+    "elasticity_frequency": ("1", "relative change of onset_frequency for that of the parameter", "pair"),
+    "change_mu": ("1", "change of onset_mu when the parameter is 1 % larger, solved again", "pair"),
+    "change_frequency": ("Hz", "change of onset_frequency when the parameter is 1 % larger, solved again", "pair"),
+    "fold": Variable("1", "whether the onset meets a recovery", ("pair",), "int8", flags={0: "no", 1: "yes"}),
+}
 # The pair is followed from its onset, in steps so small that it is nearest to itself, over whole intervals of mu.
 MU_MAX, MU_STEP, INTERVAL, MOST_MU = 1.0, 2e-4, 0.2, 4.0
 
@@ -113,6 +125,20 @@ def pairs_at(rig: Any, theta: float, start: float, mu_max: float) -> tuple[Onset
         if np.isfinite(first[branch]) and last[branch] in onsets.mu:
             places[pair] = np.flatnonzero(onsets.mu == last[branch])[0]
     return onsets, places
+
+
+def sensitivities(rig: Rig, theta: Any, parameter: Any, pairs_theta: float, mu_max: float) -> dict[str, Any]:
+    """The outputs at each point; NaN for a pair without an onset, so for all at theta <= 0."""
+    results = {name: np.full((len(theta), PAIRS), 0.0 if name == "fold" else np.nan) for name in SENSITIVITIES}
+    for row, (angle, name) in enumerate(zip(theta.tolist(), parameter.tolist(), strict=True)):
+        onsets, places = pairs_at(rig, angle, pairs_theta, mu_max)
+        mu, frequency = changed(rig, angle, name, onsets, mu_max)
+        normalised = onsets.mu_normalised[name], onsets.frequency_normalised[name]
+        changes = mu - onsets.mu, frequency - onsets.frequency
+        values = onsets.mu, onsets.frequency, *normalised, *changes, onsets.fold
+        for output, value in zip(SENSITIVITIES, values, strict=True):
+            results[output][row, places >= 0] = value[places[places >= 0]]
+    return results
 
 
 def changed(rig: Any, theta: float, name: str, onsets: OnsetSensitivity, mu_max: float) -> tuple[Any, Any]:

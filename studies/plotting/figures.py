@@ -171,7 +171,7 @@ def saved(figure: Figure, form: str, digest: str) -> bytes:
     return file.getvalue()
 
 
-def shows(image: bytes, digest: str) -> bool:
+def is_drawn_from(image: bytes, digest: str) -> bool:
     """Whether a PNG file that `saved` gave was drawn from the data with this digest."""
     return f"tEXt{SOURCE['png']}\0{digest}".encode() in image
 

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from studies.motion.run import BAND
 from studies.plotting import figures
 from sweeps import InputError
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -60,6 +62,17 @@ def modes_figure(modes: AssembledModes, onsets: Any = (), parameter: str = "coef
         figures.legend_below(figure, [top], 3)
         figures.finish(figure)
     return figure
+
+
+def draw_result(top: Axes, bottom: Axes, dataset: xr.Dataset) -> None:
+    """Draw branches in kHz and growth rates of a result over mu, with its onsets, recoveries and divergence."""
+    mu, frequency, growth = (dataset[name].values for name in ("mu", "frequency", "growth_rate"))
+    draw_branches(top, bottom, mu, frequency, growth, 1e3, "." if len(mu) < 3 else None)
+    name_growing(bottom, mu[-1], frequency[-1], growth[-1])
+    top.set(ylim=(0.0, min(1e-3 * BAND, max(0.1, 1.3e-3 * np.nanmax(frequency, initial=0.0)))))
+    mark_onsets(top, dataset["onset_mu"].values, dataset["onset_frequency"].values, 1e3)
+    mark_recoveries(top, dataset["recovery_mu"].values, 1e-3 * dataset["recovery_frequency"].values)
+    mark_divergence((top, bottom), float(dataset["divergence_mu"]))
 
 
 def draw_branches(

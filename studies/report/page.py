@@ -18,7 +18,7 @@ from studies import registry, runner
 from studies.answering import results, summary
 from studies.declaring import labels
 from studies.declaring.parameters import KNOWN
-from studies.report.section import Result, Tell, content, date, packed, reason
+from studies.report.section import Result, Tell, content, date, failure_text, packed
 from sweeps import InputError, MissingFileError
 
 HERE = Path(__file__).parent
@@ -44,7 +44,7 @@ def write(
         tell(notice)
     target = results.expanded(file) if file else results.results_folder(out) / "report.html"
     whole = page(sections, broken)
-    with runner.written(target) as temporary:
+    with runner.atomic_write(target) as temporary:
         temporary.write_text(whole, encoding="utf-8", errors="backslashreplace", newline="\n")
     return target
 
@@ -66,7 +66,8 @@ def everything(folder: Path) -> list[str]:
     if not own:
         show = f"; show the reference with: fiv report --out {reference} --file report.html"
         lacks = "has no result" if folder.is_dir() else "does not exist"
-        begin = results.command("run", "fig5", None if folder == Path("results") else folder)
+        (first,) = registry.names_for("first")
+        begin = results.command("run", first, None if folder == Path("results") else folder)
         raise InputError(f"{folder}: the folder {lacks}; begin with: {begin}{show if reference.is_dir() else ''}")
     own.sort(key=lambda file: order.index(file.stem) if file.stem in order else len(order))
     others = (results.file_of(name, reference) for name in order if name not in {file.stem for file in own})
@@ -85,13 +86,13 @@ def opened(
             if known.get(file, ("",))[0] != now:
                 dataset = results.open_dataset(name, out)
                 result = Result(runner.study_of(dataset, str(file)), dataset, file, sweeps.status(file))
-                with results.reading(file):
+                with results.damage_as_error(file):
                     known[file] = now, (result, content(result, tell))
             sections.append(known[file][1])
         except MissingFileError:
             raise
         except Exception as problem:  # noqa: BLE001 - a bad file, or a study that fails to load, is named on the page
-            why = reason(problem)
+            why = failure_text(problem)
             broken.append(why if str(file) in why else f"{file}: {why}")
             tell(broken[-1])
     return sections, broken

@@ -154,11 +154,11 @@ def images(result: Result) -> list[bytes]:
     beside = [result.file.with_name(f"{result.name}{each}.png") for each in ("", "-series")]
     found = [path.read_bytes() for path in beside if path.is_file()]
     digest = runner.picture_digest(result.study, result.dataset) if found else ""
-    shown = [image for image in found if digest and figures.shows(image, digest)]
+    shown = [image for image in found if digest and figures.is_drawn_from(image, digest)]
     return shown or list(runner.image(result.study, result.dataset, "png").values())
 
 
-def reason(problem: Exception) -> str:
+def failure_text(problem: Exception) -> str:
     """An exception in one line; of a programming error also its kind and place."""
     text = " ".join(str(problem).split())
     if isinstance(problem, (sweeps.InputError, sweeps.StoreError, FileNotFoundError)):
@@ -197,8 +197,8 @@ def content(result: Result, tell: Tell) -> dict[str, Any]:
         try:
             make()
         except Exception as problem:  # noqa: BLE001 - a study's own code can raise anything; the page says it
-            made["problems"].append(f"No {what}: {reason(problem)}")
-            tell(f"{result.file}: no {what}: {reason(problem)}")
+            made["problems"].append(f"No {what}: {failure_text(problem)}")
+            tell(f"{result.file}: no {what}: {failure_text(problem)}")
     return made
 
 
@@ -261,7 +261,7 @@ def points(study: Study, dataset: xr.Dataset, file: Path) -> dict[str, Any]:
     wide = [d for d, dim in enumerate(dims) if shape[d] > 1 and dim not in results.PATHS]
     # A numeric parameter, and another, or else what comes next, such as a direction.
     plane = sorted(sorted(wide, key=lambda d: (dims[d] not in varied, -shape[d]))[:2])
-    command, python = again(study, dataset, file)
+    command, python = rerun_commands(study, dataset, file)
     return {
         "dims": dims,
         "shape": shape,
@@ -297,7 +297,7 @@ def _column(array: xr.DataArray, dims: list[str], is_parameter: bool) -> dict[st
     }
 
 
-def again(study: Study, dataset: xr.Dataset, file: Path) -> tuple[str, str]:
+def rerun_commands(study: Study, dataset: xr.Dataset, file: Path) -> tuple[str, str]:
     """Command and Python that compute a point, without the parameters that vary; "" for a study without a name."""
     if not (study.name in registry.names() or (study.name.startswith(results.MAPS) and study.parameters)):
         return "", ""

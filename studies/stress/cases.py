@@ -91,9 +91,9 @@ class Case:
     """One task for every method."""
 
     name: str
-    task: str  # for a reader
     scene: Mapping[str, float] = field(default_factory=dict)  # what differs from POINT
     run: Mapping[str, Any] = field(default_factory=dict)  # further arguments of `simulate`, `duration` among them
+    task: str = ""  # for a reader, where the name does not say it
     rig: Rig = PAPERS
     edge: str = ""  # one of `checks.LIMITS`, of which `share` is taken
     share: float = 1.0
@@ -113,19 +113,18 @@ class Case:
 def _begun(name: str, task: str, build: Any = _at_rest, expected: str = PASSES, **values: Any) -> Case:
     """A case that begins in a state; None: rest under the load."""
     run, start = {"duration": 20e-3}, partial(build, **values)
-    return Case(name, task, run=run, start=start, expected=expected, names="initial")
+    return Case(name, run=run, task=task, start=start, expected=expected, names="initial")
 
 
-def _numbers(number: str, name: str, task: str, *values: float, also: Any = None, **more: Any) -> list[Case]:
-    """A case for each value of a number of the scene, which its name and its task contain."""
-    scenes = [dict(also or {}) | {number: value} for value in values]
-    return [Case(name.format(x[number]), task.format(x[number]), x, names=number, **more) for x in scenes]
+def _numbers(number: str, name: str, *values: float, also: Any = None, **more: Any) -> list[Case]:
+    """A case for each value of a number of the scene, which its name contains."""
+    return [Case(name.format(x), {**(also or {}), number: x}, names=number, **more) for x in values]
 
 
-def _rig(name: str, task: str, rig: Rig, duration: float = 12e-3, **more: Any) -> Case:
+def _rig(name: str, rig: Rig, duration: float = 12e-3, **more: Any) -> Case:
     """A rig at a speed at which it slips soon; stiff or fine beams need shorter steps of the published scheme."""
     soon: dict[str, Any] = {"edge": "fitting step", "share": 0.9, "slips_at": 1.5e-3}
-    return Case(name, task, run={"duration": duration}, rig=rig, **soon, **more)
+    return Case(name, run={"duration": duration}, rig=rig, **soon, **more)
 
 
 def _beams(word: str, number: str, factor: float, *beams: str) -> Case:
@@ -133,14 +132,13 @@ def _beams(word: str, number: str, factor: float, *beams: str) -> Case:
     old = {beam: getattr(PAPERS, beam) for beam in beams}
     scaled = {beam: replace(part, **{number: factor * getattr(part, number)}) for beam, part in old.items()}
     position = scaled.get("p2", PAPERS.p2).length / PAPERS.p2.length * PAPERS.contact_position
-    who, text = " and ".join(map(str.upper, beams)), "Young's modulus" if number == "young_modulus" else number
     rig = replace(PAPERS, contact_position=position, **scaled)
-    return _rig(f"{word} {who}", f"{text} of {who} times {factor:g}", rig)
+    return _rig(f"{word} {' and '.join(map(str.upper, beams))}", rig, task=f"{number} times {factor:g}")
 
 
 # A run that ends before its energy balance depends on last bits. Near Painleve's mu at 5 degrees the balance of
 # the first impacts is off by 1.2 %, and after 10 ms by anything up to 7 %.
-LANDING = {"duration": 5e-3}
+LANDING, BRIEF = {"duration": 5e-3}, {"duration": 10e-3}
 # Methods that a case does not apply to, and why.
 NO_STEP = {"exact": "it has no step to be stable: its grid is only where statistics are read"}
 ALL_MODES = {"paper": "it keeps all modes: it has no cut-off"}
@@ -151,46 +149,39 @@ TOO_EXPENSIVE |= dict.fromkeys(("long P2", "cut-off 1000 kHz", "every mode"), ("
 TOO_EXPENSIVE["1 s, vibrating"] = ("paper",)
 AT_REST: Any = {"force": 1.0}
 THROWN: Any = {"duration": 2e-4, "start": partial(_at_rest, contact=OPEN, gap=1e-6, fall=1.0)}
-BLOWN, ALONG = "all modes as after a blow of 4 us", "P1's tip moving along P2 at {} as contact is made"
-MU = ("mu", "mu = {:g}", "a coefficient of friction of {:g}")
-THETA = ("theta", "theta = {:g}°", "P1 at {:g} degrees")
-DRIVE, FORCE, T, BRIEF = "a drive of {:g} m/s", "a load of {:g} N", "tangential", {"duration": 10e-3}
-CRITICAL = "times the coefficient of friction at which the contact force stops being unique,"
-LARGEST = "the largest coefficient of friction that a scene takes, where nothing couples the directions"
-SAME, SCALED = "the same motion", "at the operating point's V / F"
-TOUCHING = "a cut-off above all modes: the finite elements themselves, touching rigidly"
-FASTEST = "a cut-off that leaves out the fastest modes alone"
+BLOWN, ALONG = "all modes as after a blow of 4 us", "P1's tip moving along P2 as contact is made"
+T = "tangential"
 
 GROUPED: dict[str, list[Case]] = {
-    "step": [Case(f"step {x:g} of the largest", f"a step of {x:g} times the largest stable one", edge="step",
-                  share=x, expected=VALUE if x > 1.0 else PASSES, names="step", excluded=NO_STEP)
-             for x in (0.5, 0.9, 0.999, 1.001, 1.5)],
+    "step": [
+        Case(f"step {x:g} of the largest", edge="step", share=x, expected=VALUE if x > 1.0 else PASSES, names="step",
+             excluded=NO_STEP)
+        for x in (0.5, 0.9, 0.999, 1.001, 1.5)],
     "friction": [
-        *_numbers(*MU, 0.0, 1e-12),
-        *_numbers(*MU, 1.0, 2.0, also={"V": 1.0}, run=BRIEF),
-        *(Case(f"{share:.7g} of Painleve's mu, {theta:g}°",
-               f"{share:.7g} {CRITICAL} at {theta:g} degrees and 1 m/s",
+        *_numbers("mu", "mu = {:g}", 0.0, 1e-12),
+        *_numbers("mu", "mu = {:g}", 1.0, 2.0, also={"V": 1.0}, run=BRIEF),
+        *(Case(f"{share:.7g} of Painleve's mu, {theta:g}°", {"V": 1.0, "theta": theta},
+               LANDING if theta == 5.0 else BRIEF, edge="mu", share=share, names="mu",
                # "exact" says so where slip would grow faster than events may follow each other.
-               {"V": 1.0, "theta": theta}, LANDING if theta == 5.0 else BRIEF, edge="mu", share=share, names="mu",
                expected=CONTACT if share > 1.0 else {"exact": CONTACT} if 1.0 - share < 1e-6 else PASSES)
           for theta, share in product((5.0, 20.0, -20.0), (0.5, 0.999, 0.9999999, 1.001))),
-        Case("mu = 1e6, upright", LARGEST, {"mu": 1e6, "theta": 0.0, "V": 1.0}, BRIEF),
-        *_numbers(*MU, -0.1, NAN, expected=VALUE)],
+        Case("mu = 1e6, upright", {"mu": 1e6, "theta": 0.0, "V": 1.0}, BRIEF,
+             "the largest coefficient of friction that a scene takes, where nothing couples the directions"),
+        *_numbers("mu", "mu = {:g}", -0.1, NAN, expected=VALUE)],
     "angle": [
-        *_numbers(*THETA, 0.0, 5.0, -5.0, 60.0, -60.0, 89.0, 89.9999, -89.9999),
-        *_numbers(*THETA, 90.0, -91.0, NAN, expected=VALUE)],
+        *_numbers("theta", "theta = {:g}°", 0.0, 5.0, -5.0, 60.0, -60.0, 89.0, 89.9999, -89.9999),
+        *_numbers("theta", "theta = {:g}°", 90.0, -91.0, NAN, expected=VALUE)],
     "speed": [
-        *_numbers("V", "V = {:g} m/s", DRIVE, 1e-9, 1e-3, 1.0, -POINT["V"]),
-        Case("in the mirror", f"V and theta of the other sign: {SAME}",
-             {"V": -POINT["V"], "theta": -POINT["theta"]}, copy=True),
-        *_numbers("V", "V = {:g}", DRIVE, 0.0, INFINITE, NAN, expected=VALUE)],
+        *_numbers("V", "V = {:g} m/s", 1e-9, 1e-3, 1.0, -POINT["V"]),
+        Case("in the mirror", {"V": -POINT["V"], "theta": -POINT["theta"]}, task="the same motion", copy=True),
+        *_numbers("V", "V = {:g}", 0.0, INFINITE, NAN, expected=VALUE)],
     "load": [
-        *(Case(f"F = {F:g} N, same V/F", f"a load of {F:g} N {SCALED}: {SAME} in another size",
-               {"F": F, "V": POINT["V"] * F / POINT["F"]}, copy=True) for F in (1e-3, 1.0, 1e6)),
-        *_numbers("F", "F = {:g} N", FORCE, 1e-3, 1e6),
-        *_numbers("F", "F = {:g}", FORCE, 0.0, -9.0, NAN, expected=VALUE),
-        *(Case(f"{x:g} of the {edge} V/F", f"{x:g} times the {edge} V / F that is resolved", edge=f"{edge} V/F",
-               share=x, expected=PASSES if (x > 1.0) == (edge == "least") else VALUE, names="V / F")
+        *(Case(f"F = {F:g} N, same V/F", {"F": F, "V": POINT["V"] * F / POINT["F"]}, copy=True,
+               task="the same motion in another size") for F in (1e-3, 1.0, 1e6)),
+        *_numbers("F", "F = {:g} N", 1e-3, 1e6),
+        *_numbers("F", "F = {:g}", 0.0, -9.0, NAN, expected=VALUE),
+        *(Case(f"{x:g} of the {edge} V/F", edge=f"{edge} V/F", share=x, names="V / F",
+               expected=PASSES if (x > 1.0) == (edge == "least") else VALUE)
           for edge, x in (("least", 1.001), ("least", 0.999), ("largest", 0.999), ("largest", 1.001)))],
     "grazing": [
         _begun("touching", "P1 unloaded, just touching and at rest, when the load comes on", contact=OPEN),
@@ -204,8 +195,8 @@ GROUPED: dict[str, list[Case]] = {
     "catch": [
         _begun("thrown at 1 m/s", "P1 thrown onto P2 at 1 m/s", contact=OPEN, gap=1e-6, fall=1.0),
         _begun("thrown at 100 m/s", "P1 thrown onto P2 at 100 m/s", contact=OPEN, gap=1e-6, fall=100.0),
-        _begun("along at 10 m/s", ALONG.format("10 m/s"), contact=SLIP, along=10.0, **AT_REST),
-        _begun("along at 1 km/s", ALONG.format("1 km/s"), contact=SLIP, along=1e3, **AT_REST),
+        *(_begun(f"along at {speed}", ALONG, contact=SLIP, along=along, **AT_REST)
+          for speed, along in (("10 m/s", 10.0), ("1 km/s", 1e3))),
         _begun("struck along", f"{BLOWN} along P2 that leaves the contact slipping at 10 m/s", _struck, shape=T),
         _begun("struck across", f"{BLOWN} across P2 that opens the contact at 10 m/s", _struck, shape="normal")],
     "first state": [
@@ -220,51 +211,43 @@ GROUPED: dict[str, list[Case]] = {
     "rig": [
         *(_beams(word, "young_modulus", factor, *beams)
           for word, factor in (("stiff", 100.0), ("soft", 0.01)) for beams in (("p1",), ("p2",), ("p1", "p2"))),
-        *(_beams(word, number, factor, beam) for number, words in (("length", ("long", "short")),
-                                                                   ("thickness", ("thick", "thin")))
+        *(_beams(word, number, factor, beam)
+          for number, words in (("length", ("long", "short")), ("thickness", ("thick", "thin")))
           for word, factor in zip(words, (10.0, 0.1), strict=True) for beam in ("p1", "p2")),
-        # The finest is thrown together, for it cannot run for long.
-        *(_rig(f"{p1} and {p2} elements", task, Rig.of(p1_elements=p1, p2_elements=p2), **more)
-          for p1, p2, task, more in (
-              (1, 1, "beams of 1 elements", {}), (3, 3, "beams of 3 elements", {}),
-              (3, 90, "P1 of 3 elements, P2 of 90", {}), (30, 3, "P1 of 30 elements, P2 of 3", {}),
-              (400, 400, "beams of 400 elements, P1 thrown onto P2 at 1 m/s",
-               THROWN))),
-        _rig("no head", "no mass at A", Rig(head_mass=0.0)),
-        _rig("head of 1 mg", "a head of 1 mg", Rig(head_mass=1e-6)),
-        _rig("head of 1 t", "a head of 1000 kg", Rig(head_mass=1e3)),
-        _rig("head of 1e9 kg", "a head of 1e9 kg", Rig(head_mass=1e9)),
-        _rig("contact 1 um from the clamp", "the contact 1 um from P2's clamp", Rig(contact_position=1e-6)),
-        _rig("contact 1 mm from the clamp", "the contact 1 mm from P2's clamp", Rig(contact_position=1e-3)),
-        _rig("contact at the free end", "the contact at P2's free end", Rig(contact_position=0.15))],
+        *(_rig(f"{p1} and {p2} elements", Rig.of(p1_elements=p1, p2_elements=p2))
+          for p1, p2 in ((1, 1), (3, 3), (3, 90), (30, 3))),
+        _rig("400 and 400 elements", Rig.of(p1_elements=400, p2_elements=400), **THROWN,
+             task="P1 thrown onto P2 at 1 m/s, for it cannot run for long"),
+        _rig("no head", Rig(head_mass=0.0)),
+        *(_rig(f"head of {text}", Rig(head_mass=mass))
+          for text, mass in (("1 mg", 1e-6), ("1 t", 1e3), ("1e9 kg", 1e9))),
+        *(_rig(f"contact 1 {unit} from the clamp", Rig(contact_position=away))
+          for unit, away in (("um", 1e-6), ("mm", 1e-3))),
+        _rig("contact at the free end", Rig(contact_position=0.15))],
     "damping": [
-        _rig("no damping", "d1 = d2 = 0", Rig(d1=0.0, d2=0.0)),
-        _rig("d2 = 0", "no damping on the stiffness", Rig(d2=0.0)),
-        _rig("d1 = 5e4 1/s", "a damping on the mass of 5e4 1/s", Rig(d1=5e4)),
-        _rig("d1 = 1e7 1/s", "a damping on the mass of 1e7 1/s", Rig(d1=1e7)),
-        _rig("d2 = 1 us", "a damping on the stiffness of 1 us", Rig(d2=1e-6)),
-        _rig("d2 = 100 us", "a damping on the stiffness of 100 us", Rig(d2=1e-4))],
+        _rig("no damping", Rig(d1=0.0, d2=0.0)),
+        _rig("d2 = 0", Rig(d2=0.0)),
+        *(_rig(f"d1 = {text} 1/s", Rig(d1=float(text))) for text in ("5e4", "1e7")),
+        *(_rig(f"d2 = {text} us", Rig(d2=d2)) for text, d2 in (("1", 1e-6), ("100", 1e-4)))],
     "drive": [
-        *(Case(f"ramp {ramp:g} s", f"a ramp of {ramp:g} s", run={"ramp": ramp, "duration": 20e-3})
+        *(Case(f"ramp {ramp:g} s", run={"ramp": ramp, "duration": 20e-3})
           for ramp in (0.0, 1e-9, 1e-6, 10.0, 1e3)),
-        *(Case(f"ramp {ramp:g}", f"a ramp of {ramp:g} s", run={"ramp": ramp}, expected=VALUE, names="ramp")
-          for ramp in (-1e-3, 1e-12))],
+        *(Case(f"ramp {ramp:g}", run={"ramp": ramp}, expected=VALUE, names="ramp") for ramp in (-1e-3, 1e-12))],
     "long": [
-        Case("100 s, vibrating", "100 s at 5 mm/s", {"V": 5e-3}, {"duration": 100.0}),
-        Case("1 s, vibrating", "1 s at 5 mm/s", {"V": 5e-3}, {"duration": 1.0}),
-        Case("100 s, sliding", "100 s of steady sliding", {"theta": -5.0}, {"duration": 100.0}),
-        Case("10 s, every step", "10 s of sliding in which all vibration dies, every step taken",
-             {"theta": -5.0}, {"duration": 10.0, "end_early": False}, excluded=ENDS_EARLY),
-        Case("100 s, stuck", "100 s at a drive that never slips", {"V": 1e-9}, {"duration": 100.0})],
+        *(Case(f"{s:g} s, vibrating", {"V": 5e-3}, {"duration": s}) for s in (100.0, 1.0)),
+        Case("100 s, sliding", {"theta": -5.0}, {"duration": 100.0}),
+        Case("10 s, every step", {"theta": -5.0}, {"duration": 10.0, "end_early": False}, excluded=ENDS_EARLY,
+             task="sliding in which all vibration dies, every step taken"),
+        Case("100 s, stuck", {"V": 1e-9}, {"duration": 100.0})],
     "cut-off": [
-        *(Case(f"{x:g} of the least cut-off", f"{x:g} times the least cut-off", edge="cutoff", share=x,
-               expected={"paper": VALUE} if x > 1.0 else VALUE, names="cutoff") for x in (0.999, 1.001, 30.0)),
-        *(Case(f"cut-off {cutoff / 1e3:g} kHz", FASTEST, run={"cutoff": cutoff, "duration": duration},
-               excluded=ALL_MODES) for cutoff, duration in ((3e5, 20e-3), (1e6, 12e-3))),
-        Case("every mode", TOUCHING, {"V": 1.0}, {"cutoff": 1e9, "duration": 4e-3},
-             excluded=ALL_MODES)],
-    "record": [Case("too many samples", "a record of more samples than may be", edge="samples", share=1.001,
-                    run={"record": True, "duration": 10.0}, expected=VALUE, names="sample_rate")],
+        *(Case(f"{x:g} of the least cut-off", edge="cutoff", share=x, names="cutoff",
+               expected={"paper": VALUE} if x > 1.0 else VALUE) for x in (0.999, 1.001, 30.0)),
+        *(Case(f"cut-off {cutoff / 1e3:g} kHz", run={"cutoff": cutoff, "duration": duration}, excluded=ALL_MODES)
+          for cutoff, duration in ((3e5, 20e-3), (1e6, 12e-3))),
+        Case("every mode", {"V": 1.0}, {"cutoff": 1e9, "duration": 4e-3}, excluded=ALL_MODES,
+             task="a cut-off above all modes: the finite elements themselves, touching rigidly")],
+    "record": [Case("too many samples", run={"record": True, "duration": 10.0}, edge="samples", share=1.001,
+                    expected=VALUE, names="sample_rate")],
 }  # fmt: skip
 
 CASES = {case.name: replace(case, group=group) for group, cases in GROUPED.items() for case in cases}

@@ -12,6 +12,7 @@ import numpy as np
 
 import fivcore
 from fivcore import SEPARATION, SLIP, STICK, Normalised, Rig, Scene, State, Transient, exact, full_model, published
+from studies.accuracy.settings import largest_step
 from studies.motion.run import SCALED
 from studies.stress.cases import DIVERGENCE, DURATION, POINT, Case
 
@@ -152,11 +153,9 @@ def stated(message: str, word: str) -> float:
 
 
 def _largest_step(spec: RunSpec) -> float:
-    model, mu = spec.model, spec.arguments["mu"]
     if spec.method == "paper":
-        return published.largest_step(model.stiffness, model.damping, published.BETA2)
-    limit = model.largest_step
-    return limit if fivcore.is_stable_step(model, mu, limit) else fivcore.largest_stable_step(model, mu, limit)
+        return published.largest_step(spec.model.stiffness, spec.model.damping, published.BETA2)
+    return largest_step(spec.model, spec.arguments["mu"])
 
 
 # How far each method can be driven: computed from its own functions, or read from its refusal.

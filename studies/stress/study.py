@@ -65,7 +65,7 @@ def describe(data: xr.Dataset) -> xr.Dataset:
     margin.attrs = {"units": "1", "long_name": "value of each check over its bound; above 1 it fails"}
     return data.assign(
         group=("case", [case.group for case in cases], {"long_name": "group of the case"}),
-        task=("case", [case.task for case in cases], {"long_name": "task"}),
+        task=("case", [case.task for case in cases], {"long_name": "task, where the name does not say it"}),
         about=("check", [CHECKS[name] for name in data["check"].values], {"long_name": "quantity of the check"}),
         expected=(("case", "method"), expected, about | {"flag_values": np.arange(len(EXPECTED), dtype=np.int8)}),
         margin=margin,

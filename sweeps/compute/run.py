@@ -32,7 +32,7 @@ from sweeps.plan.planning import ENGINE, ROW_BYTES, PlanData, duration, make_pla
 from sweeps.status import Progress, Snapshot
 from sweeps.storage.assemble import Source, Table, assemble, restore_types
 from sweeps.storage.existing import PENDING_NAMES, existing, extended, opened
-from sweeps.storage.netcdf import described, write
+from sweeps.storage.netcdf import with_metadata, write
 from sweeps.storage.parts import BOOKKEEPING, PartSource, PartWriter
 from sweeps.storage.store import Store, owner, write_state
 from sweeps.task import BatchSummary, one_blas_thread
@@ -58,7 +58,7 @@ def execute(
 
     if plan.store is None:
         data = assemble(compute(plan, None), lazy=False)
-        data = restore_types(described(plan.manifest, data, plan.sweep.derive))
+        data = restore_types(with_metadata(plan.manifest, data, plan.sweep.derive))
     else:
         store = Store(plan.store, plan.shared)
         planned = plan.manifest.attributes["fingerprint"]
@@ -142,7 +142,7 @@ def _finish(plan: PlanData, store: Store, compute: Callable[..., Table]) -> tupl
         if not plan.whole:
             table = compute(plan, store)
             if plan.shared is not None:
-                return restore_types(described(plan.manifest, assemble(table, lazy=True), None)), plan
+                return restore_types(with_metadata(plan.manifest, assemble(table, lazy=True), None)), plan
             try:
                 if table.damaged:
                     raise DamagedError(table.damaged[0], str(store.parts))
@@ -210,7 +210,7 @@ def _requested(plan: PlanData, store: Store) -> xr.Dataset:
         inside = [some[f"failure_{name}"].isin(plan.sweep.grid.axes[name].values).values for name in grid.axes]
         flags = np.logical_and.reduce(inside)
         some = some.isel(failure=flags) if flags.any() else some.drop_dims("failure")
-    return restore_types(described(plan.manifest, some, plan.sweep.derive))
+    return restore_types(with_metadata(plan.manifest, some, plan.sweep.derive))
 
 
 class _Run:

@@ -23,7 +23,7 @@ GROWTH = 8
 # Number of the last batches that decide; the least time of a batch, since clocks may show none, s.
 REMEMBERED, TINY = 9, 1e-12
 # The first batch takes points from so many places of the grid.
-PLACES = 3
+FIRST_PLACES = 3
 
 
 class BatchSizes:
@@ -68,11 +68,11 @@ class Queue:
         return taken
 
     def take_spread(self) -> NDArray[np.intp]:
-        """One point from each of PLACES places; before any other is taken."""
-        if self.left <= PLACES:
+        """One point from each of FIRST_PLACES places; before any other is taken."""
+        if self.left <= FIRST_PLACES:
             return self.take(self.left)
         points = np.flatnonzero(self._due)
-        taken = np.unique(points[np.linspace(0, self.left - 1, PLACES).astype(int)])
+        taken = np.unique(points[np.linspace(0, self.left - 1, FIRST_PLACES).astype(int)])
         self._due[taken] = False
         self.left -= len(taken)
         return taken

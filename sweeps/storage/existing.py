@@ -17,7 +17,7 @@ from sweeps.errors import UNREADABLE, DamagedError, InputError, MissingFileError
 from sweeps.fingerprint.identity import differences, restricted
 from sweeps.grid import Axis, Grid, axis_values
 from sweeps.storage.assemble import FileSource, Source, Table, assemble, open_netcdf, present, restore_types
-from sweeps.storage.netcdf import described
+from sweeps.storage.netcdf import with_metadata
 from sweeps.storage.parts import Manifest, PartSource
 from sweeps.storage.store import Store, check_trailer, signature
 
@@ -228,7 +228,7 @@ def _opened_parts(store: Store) -> xr.Dataset:
     table, data = Table(manifest, sources_of(store, manifest)), None
     while data is None:
         try:
-            data = described(manifest, assemble(table, lazy=True), None)
+            data = with_metadata(manifest, assemble(table, lazy=True), None)
         except DamagedError as problem:
             table = Table(manifest, table.without(problem.part))
     # A new file may be there while the parts still are, with its points at other places than the old one.

@@ -20,7 +20,7 @@ Derive = Callable[[xr.Dataset], xr.Dataset]
 CHUNK_BYTES, MOST_CHUNK_BYTES = 1 << 18, 1 << 22
 
 
-def described(manifest: Manifest, data: xr.Dataset, derive: Derive | None, before: str = "") -> xr.Dataset:
+def with_metadata(manifest: Manifest, data: xr.Dataset, derive: Derive | None, before: str = "") -> xr.Dataset:
     """Add global attributes and derived variables; the history continues `before`."""
     own, environments = {"source": "", **manifest.attributes}, json.loads(data.attrs["environments"])
     made = "; ".join(", ".join(map(" ".join, each.items())) for each in environments if each)
@@ -42,9 +42,9 @@ def write(store: Store, table: Table, derive: Derive | None) -> None:
         with suppress(*UNREADABLE), open_netcdf(store.file, decode_cf=False) as file:
             before = str(file.attrs["history"])
     try:
-        whole = described(manifest, data, derive, before)
+        whole = with_metadata(manifest, data, derive, before)
     except Exception as raised:  # noqa: BLE001 - raised again when the results are safe
-        problem, whole = raised, described(manifest, data, None, before)
+        problem, whole = raised, with_metadata(manifest, data, None, before)
     try:
         # Not by a user's Dask client, and not by two threads, which can deadlock with xarray before 2026.9.
         with replacing(store.file, store.parts) as temporary, dask.config.set(scheduler="sync"):

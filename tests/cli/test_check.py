@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fivcore import simulate
-from studies.cli import checks as check
+from studies.cli import installation as check
 from sweeps import Plan
 
 

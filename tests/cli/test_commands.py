@@ -72,7 +72,7 @@ def test_list_shows_every_study_with_its_time_and_all_of_one(here):
     assert all(f"\n{name} " in f"\n{done.stdout}" for name in registry.NAMES)
     assert done.stdout.splitlines()[1].startswith(" " * (len("sensitivity") + 2) + "Does")
     assert "501 points, instantly" in done.stdout
-    assert f"2304 points, {output.about(catalogue()['stick_time']['seconds'])}" in done.stdout
+    assert f"2304 points, {output.rough_duration(catalogue()['stick_time']['seconds'])}" in done.stdout
     assert len(here("list", "-q").stdout.splitlines()) == len(registry.NAMES)
     one = here("list", "fig5").stdout
     assert "Paper: Section 3.4.2 and Fig. 5" in one

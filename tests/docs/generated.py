@@ -15,7 +15,7 @@ import xarray as xr
 from studies import registry
 from studies.answering import claims
 from studies.cli.options import catalogue
-from studies.cli.output import about
+from studies.cli.output import rough_duration
 from studies.declaring import labels
 from studies.gallery import stribeck
 from studies.motion import following
@@ -148,7 +148,7 @@ def questions_table(_: str) -> str:
         if callable(answer):
             with xr.open_dataset(REFERENCE / name / f"{name}.nc") as data:
                 answer = answer(data)
-        time = about(known["seconds"]) if known else each.time
+        time = rough_duration(known["seconds"]) if known else each.time
         rows.append([each.text, f"`{each.command}`", time, answer, figure])
     return tables.lines(["question", "command", "time", "answer", "figure"], rows)
 

@@ -146,6 +146,42 @@ def test_no_study_of_the_gallery_imports_another():
     assert {pair for pair in pairs if pair[1].startswith("studies.gallery.")} == set()
 
 
+# Names of studies that are words of something else there: an argument, a dimension, a variable, Matplotlib's.
+ORDINARY = {"scenes", "contact", "damping", "patch", "stick_time"}
+
+
+def texts_of(file):
+    """The string literals of a module but its docstrings, with the parts of f-strings."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    parents = [node for node in ast.walk(tree) if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef))]
+    docs = {id(node.body[0].value) for node in parents if isinstance(node.body[0], ast.Expr)}
+    texts = [node for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+    return [node.value for node in texts if id(node) not in docs]
+
+
+def test_central_code_names_no_study():
+    """It finds studies by their roles; names stand in the registry alone, and in the studies themselves."""
+    own = ("gallery", "accuracy", "stress", "registry.py")
+    files = [file for file in (HOME / "studies").rglob("*.py") if file.relative_to(HOME).parts[1] not in own]
+    # In messages, where most names are words of the language, those with a number count.
+    numbered = {name for name in registry.NAMES if re.search(r"\d", name)}
+    found = {
+        f"{file.relative_to(HOME)}: {text}"
+        for file in files
+        for text in texts_of(file)
+        if text in {*registry.NAMES} - ORDINARY or numbered & {*re.findall(r"\w+", text)}
+    }
+    assert found == set()
+
+
+def test_roles_of_studies_are_those_in_the_catalogue():
+    listed = {role for name in registry.NAMES for role in registry.load(name).roles}
+    assert listed == {"first", "modes", "motions", "states", "measured"}
+    for role in listed:
+        found = registry.names_for(role)
+        assert found == [name for name in registry.NAMES if role in registry.load(name).roles]
+
+
 def test_the_root_of_studies_is_a_hall():
     assert len([*(HOME / "studies").glob("*.py")]) <= 6
 

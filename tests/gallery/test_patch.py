@@ -6,7 +6,7 @@ from fivcore import Rig, Scene, flutter_onsets, simulate
 from fivcore.stability.several import steady_forces
 from studies import registry
 from studies.asking.sweep import sweep_of
-from studies.gallery.patch import closed, foot, growth, onset
+from studies.physics.foot import closed, foot, growth, onset
 from sweeps import InputError
 
 

@@ -8,7 +8,8 @@ import pytest
 from fivcore import Rig, flutter_onsets, onset_curves
 from studies import paper
 from studies.declaring.parameters import rig_numbers
-from studies.gallery.sensitivity import NAMES, STUDY
+from studies.gallery.sensitivity import STUDY
+from studies.physics.onsets import VARIED
 
 ANGLES = [-5.0, 0.5, 3.0, 5.0, 8.0]
 
@@ -23,7 +24,7 @@ def whole(computed):
     return computed(theta=ANGLES)
 
 
-@pytest.mark.parametrize("parameter", NAMES)
+@pytest.mark.parametrize("parameter", VARIED)
 def test_derivatives_and_changes_are_those_of_changed_rigs(whole, parameter):
     def onsets(factor):
         numbers = rig_numbers(Rig()) | {"theta": 8.0}
