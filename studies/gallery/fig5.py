@@ -92,9 +92,9 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     branches.mark_recoveries(top, dataset["recovery_mu"].values, 1e-3 * dataset["recovery_frequency"].values)
     branches.mark_divergence((top, bottom), float(dataset["divergence_mu"]))
     if is_papers_point(dataset, theta=paper.THETA):
-        look = planes.PAPER["first unstable μ"] | {"color": figures.ORANGE, "markerfacecolor": "none"}
-        planes.marks(top, [(mu, 1e-3 * hertz) for mu, hertz in paper.ONSETS], **look | {"markeredgecolor": None})
-    figures.letter((top, bottom), ("frequency", "growth rate of unstable modes"))
+        onsets = [(mu, 1e-3 * hertz) for mu, hertz in paper.ONSETS]
+        planes.marks(top, onsets, **planes.PAPER["first unstable μ"])
+    figures.entitle((top, bottom), ("frequency", "growth rate of unstable modes"))
     figures.legend_below(figure, [top], 3)
     figure.suptitle(f"Modes of steady sliding{rig_text(dataset)}")
     bottom.set(ylabel="growth rate / (1/s)", xlabel="coefficient of friction μ", ylim=(0.0, None))

@@ -129,11 +129,13 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     growth.set_ylabel("growth rate / (1/s)")
     parts = {state: dataset[f"{state}_fraction"].values for state in planes.STATE_COLOURS}
     planes.stack(fractions, spec.edges(theta), parts, [*planes.STATE_COLOURS.values()])
+    for bar in fractions.containers[-1]:
+        bar.set(hatch="//////", edgecolor="white", linewidth=0.0)  # not as the regimes below
     planes.draw_mixed(fractions, dataset, "theta", "stick_fraction")
     fractions.set(ylim=(0.0, 1.0), ylabel="fraction\nof time")
     angles.regime_strips(strips, dataset, papers)
     figures.legend_below(figure, panels, 3)
-    figures.letter(panels, ("frequency", "growth rate", "motion of the contact", "unstable angles and regimes"))
+    figures.entitle(panels, ("frequency", "growth rate", "motion of the contact", "unstable angles and regimes"))
     figure.suptitle("Stability and motion over the inclination")
     return figure
 

@@ -6,7 +6,7 @@ Matplotlib is imported when something is drawn: workers and `fiv --help` never n
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
 from hashlib import sha256
@@ -36,6 +36,7 @@ MANY_DECADES = 200.0
 BLACK, GREY = "#000000", "#7f7f7f"
 BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
 COLOURS = (BLUE, BLACK, ORANGE, GREEN, RED)
+SUPERSCRIPTS = str.maketrans("-−0123456789", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+")
 # Of a parameter that is followed up and down.
 WAYS = {"up": (GREEN, "^"), "down": (RED, "v")}
 
@@ -44,8 +45,7 @@ WIDTH, WIDE, LARGE, SMALL = 180.0, 130.0, 8.0, 7.0
 NARROWEST, WIDEST = 40.0, 1000.0
 STYLE: Any = {
     "figure.figsize": (WIDTH / 25.4, 0.75 * WIDTH / 25.4),
-    # Texts are as wide on paper as where they are measured.
-    "figure.dpi": 200.0, "text.hinting": "none",
+    "figure.dpi": 200.0,
     "font.size": LARGE, "axes.titlesize": "medium", "figure.titlesize": "large", "lines.linewidth": 1.2,
     "axes.spines.top": False, "axes.spines.right": False, "axes.axisbelow": True,
     "axes.grid": True, "grid.color": "#e0e0e0", "grid.linewidth": 0.6,
@@ -53,8 +53,8 @@ STYLE: Any = {
     # Names within a vector figure follow from what is drawn, not from chance.
     "svg.hashsalt": "fiv",
 }  # fmt: skip
-# Fonts are embedded as TrueType, and text stays text, as journals ask.
-FONTS: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}
+# Fonts are embedded as TrueType, and text stays text, as journals ask; it is as wide as where it is measured.
+FONTS: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none", "text.hinting": "none"}
 
 # Metadata of each format: which entry names the data that a figure shows, and no date, so that the same result is
 # the same file.
@@ -68,8 +68,8 @@ LOOKS = (
     *("legend", "lines", "markers", "mathtext", "patch", "path", "pcolor", "pdf", "ps", "savefig", "scatter"),
     *("svg", "text", "xaxis", "xtick", "yaxis", "ytick"),
 )
-# Lines of a figure's title; what is longer goes below. Gap between parts of a figure, cm.
-LINES, GAP = 2, 0.15
+# Lines of a figure's title; what is longer goes below. Gap between parts of a figure, and height of a page, cm.
+LINES, GAP, PAGE = 2, 0.15, 23.5
 
 
 @contextmanager
@@ -215,8 +215,6 @@ def _figure(height: float) -> Figure:
     height *= 1.0 if is_wide() else 0.85
     figure = Figure(figsize=(width_cm() / 2.54, height / 2.54), layout="constrained")
     FigureCanvasAgg(figure)  # which measures texts
-    # Labels of panels that span several columns reach into the margin.
-    figure.get_layout_engine().set(w_pad=0.08)  # type: ignore[union-attr, call-arg]
     return figure
 
 
@@ -267,7 +265,7 @@ def one_two_five(*sides: Axis) -> None:
             places = np.outer(10.0 ** np.arange(np.floor(np.log10(low)), np.log10(high) + 1.0), subs)
             many = np.count_nonzero((low <= places) & (places <= high)) > 1
             side.set_major_locator(LogLocator(subs=subs) if many else MaxNLocator(4))
-            side.set_major_formatter("{x:g}")
+            side.set_major_formatter(lambda x, _: powers(f"{x:g}"))
             side.set_minor_formatter(NullFormatter())
 
 
@@ -288,6 +286,7 @@ def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = T
 
     figure.savefig = save  # type: ignore[method-assign]
     figure.set_label("\n".join(filter(None, (heading, told))))
+    _letter(figure)
     engine = figure.get_layout_engine()
     if not isinstance(engine, ConstrainedLayoutEngine):
         return figure
@@ -309,6 +308,8 @@ def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = T
     figure.suptitle("\n".join(lines[:LINES]), va="top")
     if lines:
         top += figure._suptitle.get_window_extent().height + gap  # type: ignore[attr-defined]
+    # Rows become lower where a page would be too short.
+    high = min(high, max(PAGE / 2.54 * figure.dpi - bottom - top, 0.5 * high))
     total = high + bottom + top
     figure.set_size_inches(wide / figure.dpi, total / figure.dpi)
     figure._suptitle.set(y=1.0 - gap / total, in_layout=False)  # type: ignore[attr-defined]
@@ -324,6 +325,13 @@ def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = T
         for axes in figure.axes:
             _fit(figure, axes)
     engine.execute(figure)
+    # Labels of panels that span several columns reach beyond the margin.
+    reach = [axes.get_tightbbox() for axes in figure.axes]
+    left = max([0.0, *(gap - box.x0 for box in reach if box)]) / wide
+    right = max([0.0, *(box.x1 + gap - wide for box in reach if box)]) / wide
+    if left or right:
+        engine.set(rect=(left, bottom / total, 1.0 - left - right, high / total))
+        engine.execute(figure)
     figure.set_layout_engine("none")  # places stay
     return figure
 
@@ -335,9 +343,35 @@ def _points(name: str) -> float:
     return float(FontProperties(size=rcParams[name]).get_size_in_points())  # type: ignore[index]
 
 
+def name_rows(axes: Axes, rows: Sequence[str], heads: Collection[int] = ()) -> None:
+    """Name rows 0, 1, ... of a panel beside them; those of `heads` are headings, within the panel."""
+    named = [k for k in range(len(rows)) if k not in heads]
+    axes.set_yticks(named, [powers(rows[k]) for k in named])
+    for k in heads:
+        axes.text(0.01, k, rows[k], transform=axes.get_yaxis_transform(), va="center", fontweight="bold")
+
+
+def reworded(text: str, words: Mapping[str, str]) -> str:
+    """A text with those of its parts that are keys of `words` in a reader's words, the longest first."""
+    known = "|".join(map(re.escape, sorted(words, key=len, reverse=True)))
+    return re.sub(rf"(?<!\w)(?:{known})(?!\w)", lambda found: words[found[0]], text)
+
+
+def powers(text: str) -> str:
+    """A text with powers of ten as one prints them: 10⁻⁸ for 1e-08."""
+
+    def power(found: re.Match[str]) -> str:
+        digits = str(int(found[2])).translate(SUPERSCRIPTS)
+        return f"10{digits}" if found[1] == "1" else f"{found[1]}·10{digits}"
+
+    return re.sub(r"\b(\d+(?:\.\d+)?)e([-+−]?\d+)\b", power, text)
+
+
 def wrapped(figure: Figure, text: str, width: float, size: str | float) -> str:
     """A text broken where a line is longer than `width`, in pixels of a figure, but not in `F = 9 N`."""
     from matplotlib.font_manager import FontProperties
+
+    text = powers(text)
 
     font = FontProperties(size=_points(size) if isinstance(size, str) else size)
     renderer, lines = figure.canvas.get_renderer(), list[str]()  # type: ignore[attr-defined]
@@ -359,7 +393,7 @@ def _legend(figure: Figure, width: float) -> Any:
     if not figure.legends:
         return None
     entries, most = vars(figure.legends[0])["entries"], figure.legends[0]._ncols  # type: ignore[attr-defined]
-    handles, texts = [*entries.values()], [*entries]
+    handles, texts = [*entries.values()], [*map(powers, entries)]
     for columns in range(min(most, len(texts)), 0, -1):
         figure.legends[-1].remove()
         if columns == 1:
@@ -400,15 +434,14 @@ def _thin(side: Axis) -> bool:
     from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullFormatter
 
     locator, low, high = side.get_major_locator(), *sorted(side.get_view_interval())
-    count = len([place for place in side.get_majorticklocs() if low <= place <= high])
-    if count < 3 or isinstance(locator, (FixedLocator, StrCategoryLocator)):
+    places = [place for place in side.get_majorticklocs() if low <= place <= high]
+    if len(places) < 3 or isinstance(locator, (FixedLocator, StrCategoryLocator)):
         return False
-    if isinstance(locator, MaxNLocator):
-        side.set_major_locator(MaxNLocator(count - 2, steps=[1, 2, 2.5, 5, 10]))
+    if isinstance(locator, MaxNLocator) and len(places) > 3:
+        side.set_major_locator(MaxNLocator(len(places) - 2, steps=[1, 2, 2.5, 5, 10]))
     elif isinstance(locator, LogLocator) and len(locator._subs) > 1:  # type: ignore[attr-defined]
         side.set_major_locator(LogLocator(subs=(1.0,) if len(locator._subs) == 2 else (1.0, 3.0)))  # type: ignore[attr-defined]
     else:
-        places = [place for place in side.get_majorticklocs() if low <= place <= high]
         side.set_ticks(places[::2])
     side.set_minor_formatter(NullFormatter())
     return True
@@ -455,9 +488,22 @@ def spans(axes: Axes, intervals: Iterable[Any], label: str = "", **look: Any) ->
             axes.axvspan(*ends, **options)
 
 
-def letter(panels: Iterable[Axes], titles: Iterable[str]) -> None:
-    """Over each panel its letter and title."""
-    for k, (axes, title) in enumerate(zip(panels, titles, strict=True)):
+def entitle(panels: Iterable[Axes], titles: Iterable[str]) -> None:
+    """A title over each panel, to which `finish` adds its letter."""
+    for axes, title in zip(panels, titles, strict=True):
+        axes.set_title(title, loc="left")
+
+
+def _letter(figure: Figure) -> None:
+    """Letters before the titles of two or more panels, in their order."""
+    panels = [
+        axes
+        for axes in figure.axes
+        if axes.get_label() != "<colorbar>" and (axes.axison or axes.get_title("left"))
+    ]
+    for k, axes in enumerate(panels if len(panels) > 1 else ()):
+        title = axes.get_title("left") or axes.get_title()
+        axes.set_title("")
         axes.set_title(f"({chr(ord('a') + k)}) {title}".rstrip(), loc="left")
 
 

@@ -56,7 +56,7 @@ def modes_figure(modes: AssembledModes, onsets: Any = (), parameter: str = "coef
         bottom.axhline(0.0, color=figures.GREY, linewidth=0.8)
         mark_onsets(top, *(onsets or ((), ())))
         name_growing(bottom, mu[-1], frequency[-1], growth[-1])
-        figures.letter((top, bottom), ("frequency", "growth rate"))
+        figures.entitle((top, bottom), ("frequency", "growth rate"))
         figures.legend_below(figure, [top], 3)
         figures.finish(figure)
     return figure

@@ -53,12 +53,9 @@ def series_panels(rows: int) -> tuple[figures.Figure, list[list[figures.Axes]]]:
 
 
 def name_sides(panels: Sequence[Sequence[figures.Axes]]) -> None:
-    """Letters of the panels, and what stands across, below the last of each column."""
-    for texts in (("time / s", "time / ms", "frequency / kHz"),):
-        for axes, text in zip(panels[-1], texts, strict=True):
-            axes.set_xlabel(text)
-    flat = [axes for row in panels for axes in row]
-    figures.letter(flat, [axes.get_title("left") for axes in flat])
+    """What stands across, below the last panel of each column."""
+    for axes, text in zip(panels[-1], ("time / s", "time / ms", "frequency / kHz"), strict=True):
+        axes.set_xlabel(text)
 
 
 def compare(panels: Sequence[Sequence[figures.Axes]], duration: float, depth: float) -> None:

@@ -6,13 +6,17 @@ import zlib
 import numpy as np
 import pytest
 
+import studies
+from fivcore import flutter_onsets
 from studies import registry, runner
+from studies.answering import summary
 from studies.answering.results import open_dataset
 from studies.asking.sweep import sweep_of
-from studies.plotting import figures
+from studies.plotting import compare, figures, moving, receptances
 from sweeps import InputError
 from tests import HOME
 from tests.helpers.layout import faults
+from tests.helpers.meshes import structure
 
 WIDTHS = "88mm", "180mm"
 REFERENCE = HOME / "results" / "reference"
@@ -34,6 +38,12 @@ def test_nothing_in_the_figure_of_a_study_is_cut_or_overlaps(name, width):
         assert not faults(figure)
 
 
+def drawn(name, seed):
+    """A function that draws a number, to three digits, between two others."""
+    draw = np.random.default_rng([seed, zlib.crc32(name.encode())]).uniform
+    return lambda low, high: float(f"{draw(low, high):.3g}")
+
+
 # Requests of other rigs, grids and scenes, each with draws of a seed of its own.
 SHORT = {"duration": 0.1, "record": ["velocity_B"], "sample_rate": 20e3}
 DRAWS = {
@@ -45,6 +55,13 @@ DRAWS = {
     "stability": lambda d: {"theta": np.linspace(d(-10.0, 0.0), 20.0, 7), "mu": np.linspace(0.0, d(0.3, 1.0), 6)},
     "sensitivity": lambda d: {"theta": np.linspace(1.0, d(5.0, 15.0), 4), "p1_thickness": d(2e-3, 4e-3)},
     "table4": lambda d: {"theta": d(0.0, 10.0), "contact_position": d(0.07, 0.1)},
+    "table6": lambda d: {
+        "theta": np.linspace(d(-10.0, 4.0), d(6.0, 20.0), int(d(2, 6))),
+        "members": 2,
+        "max_duration": 0.4,
+        "p1_length": d(0.045, 0.055),
+        "mu": d(0.1, 0.3),
+    },
     "scenes": lambda d: (
         {"V": [d(1e-3, 9e-3)], "theta": np.sort([d(-5.0, 20.0) for _ in range(int(d(1, 5)))])} | SHORT
     ),
@@ -55,8 +72,7 @@ DRAWS = {
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("name", DRAWS)
 def test_nothing_is_cut_or_overlaps_on_drawn_requests(name, seed):
-    study, draw = registry.load(name), np.random.default_rng([seed, zlib.crc32(name.encode())]).uniform
-    values = DRAWS[name](lambda low, high: float(f"{draw(low, high):.3g}"))
+    study, values = registry.load(name), DRAWS[name](drawn(name, seed))
     record = {each: values.pop(each) for each in ("record", "sample_rate") if each in values}
     data = sweep_of(study, values, **record).plan().run("sync")
     for width in WIDTHS:
@@ -64,14 +80,96 @@ def test_nothing_is_cut_or_overlaps_on_drawn_requests(name, seed):
             assert not faults(figure), (values, width)
 
 
+# Maps: along one parameter and over two, of quantities of stability and of motion.
+MAPS = {
+    "along": lambda d: {"x": f"mu={d(0.0, 0.1)}:{d(0.3, 0.9)}:{int(d(2, 9))}", "quantity": "growth_rate"},
+    "several": lambda d: {"x": f"p1_length={d(40, 45)}:{d(50, 70)}:5mm", "quantity": "onset_mu,onset_frequency"},
+    "plane": lambda d: {"x": f"theta={d(-9, 0)}:{d(5, 30)}:6", "y": f"mu=0:{d(0.1, 1.0)}:5"},
+    "motion": lambda d: {
+        "x": f"V=log:1e-3:{d(2e-3, 9e-3)}:3", "y": f"theta={d(1, 3)}:{d(5, 9)}:2",
+        "quantity": "regime,velocity_rms",
+        "fix": {"duration": 0.1, "members": 2, "p2_young_modulus": f"{d(150, 250)}GPa"},
+    },
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("name", MAPS)
+def test_nothing_is_cut_or_overlaps_on_drawn_maps(name, seed, tmp_path):
+    data = studies.map(**MAPS[name](drawn(name, seed)), out=tmp_path, scheduler="sync")
+    assert_fits(runner.study_of(data), data)
+
+
+@pytest.mark.slow
+def test_nothing_is_cut_or_overlaps_in_a_fit(tmp_path):
+    output = [f"glued_frequency_{k}" for k in (1, 2)]
+    targets = [{"output": output, "value": "16.2, 350 Hz", "within": "1%"}]
+    unknown = {
+        "contact_position": "uniform:70:100mm",
+        "head_mass": "loguniform:1:10",
+        "p1_length": "normal:50:1mm",
+    }
+    data = studies.fit({"set": {"theta": 5}, "unknown": unknown, "target": targets, "name": "hammer"},
+                       samples=64, rounds=1, out=tmp_path)  # fmt: skip
+    assert_fits(runner.study_of(data), data)
+
+
+def assert_fits(study, data):
+    for width in WIDTHS:
+        for figure in runner.draw(study, data, width=width).values():
+            assert not faults(figure), width
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("seed", range(2))
+def test_nothing_is_cut_or_overlaps_for_structures_and_pairs_of_rigs(seed, width):
+    one, other = structure(seed, 20e3), drawn("pair", seed)
+    study, onsets = registry.load("fig5"), flutter_onsets(one, 0.0, 10e3, 1.0)
+    mu = np.linspace(0.0, other(0.3, 1.0), 21)
+    rigs = {"paper": {}, "the one on the new test bench": {"p1_length": other(0.04, 0.06)}}
+    pair = {name: sweep_of(study, {"mu": mu} | rig).plan().run("sync") for name, rig in rigs.items()}
+    pair = {name: summary.presented(study, data) for name, data in pair.items()}
+    with figures.style(width=width):
+        assert not faults(receptances.draw(one, 10e3, 1.0, onsets))
+        assert not faults(compare.draw(pair, "both: θ = 5°"))
+
+
+def test_nothing_is_cut_or_overlaps_in_a_film():
+    study, data = reference("fig6")
+    for moving_one in runner.moving_of(study, data):
+        with figures.style(width="88mm"):
+            figure, show = moving.draw(moving_one)
+            for frame in (0, len(moving_one.moved) // 2):
+                show(frame)
+                assert not faults(figure)
+
+
 def test_the_helper_finds_what_is_cut_and_what_overlaps():
     with figures.style(width="88mm"):
-        figure, (axes,) = figures.panels(1, 1, 4.0)
+        figure, (axes, other) = figures.panels(2, 1, 4.0)
         for x, text in ((0.1, "one"), (0.12, "other")):
             axes.text(x, 0.5, text)
         figure.text(0.95, 0.5, "leaves it", in_layout=False)
-        found = faults(figures.finish(figure))
-    assert found == ["cut: 'leaves it'", "'one' on 'other'"]
+        other.plot([0.0, 1.0], [0.0, 1.0], label="curve")
+        other.plot([0.02, 1.0], [0.02, 1.0], ".", label="points")
+        other.legend(loc="lower left")
+        figures.finish(figure)
+        assert faults(figure) == [
+            "cut: 'leaves it'",
+            "'one' on 'other'",
+            "legend on the curve 'curve'",
+            "legend on the curve 'points'",
+        ]
+        other.set_title("", loc="left")
+        figure.set_size_inches(figure.get_figwidth(), 10.0)
+        assert faults(figure)[-2:] == ["no letter: ''", "254 mm high"]
+
+
+def test_higher_figures_than_a_page_are_lowered():
+    with figures.style(width="88mm"):
+        figure, _ = figures.panels(5, 1, 7.0)
+        assert not faults(figures.finish(figure))
 
 
 def test_a_long_title_has_two_lines_and_the_rest_below():

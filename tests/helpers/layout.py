@@ -1,16 +1,23 @@
-"""Whether anything in a figure is cut, or lies on something else."""
+"""Whether anything in a figure is cut, or lies on something else, and whether it fits a page."""
 
 from itertools import combinations
 from unittest import mock
 
+from matplotlib import rc_context
 from matplotlib.text import Text
 
-# Pixels at 100 dpi: edges of letters may touch.
-TOUCH = 1.0
+from studies.plotting.figures import FONTS
+
+# Pixels at 200 dpi: edges of letters may touch. Height of a page, mm.
+TOUCH, PAGE = 1.0, 240.0
 
 
 def faults(figure):
-    """Texts that leave the figure, texts on texts, and legends on texts or panels, as they are drawn."""
+    """Whatever is wrong with a figure as it is drawn.
+
+    Texts that leave it, texts on texts, legends on texts, on panels or on the curves of their own panel; panels
+    without a letter; a height that no page has.
+    """
     drawn, plain = [], Text.draw
 
     def draw(self, renderer):
@@ -18,7 +25,7 @@ def faults(figure):
             drawn.append((self, self.get_window_extent(renderer)))
         return plain(self, renderer)
 
-    with mock.patch.object(Text, "draw", draw):
+    with mock.patch.object(Text, "draw", draw), rc_context(FONTS):
         figure.canvas.draw()
     whole, found = figure.bbox, []
     for text, box in drawn:
@@ -31,10 +38,20 @@ def faults(figure):
     for legend in legends:
         box, own = legend.get_window_extent(), {*legend.get_texts(), legend.get_title()}
         found += [f"legend on {text.get_text()!r}" for text, at in drawn if text not in own and _overlap(box, at)]
+        for line in legend.axes.lines if legend.axes else ():
+            path = line.get_transform().transform_path(line.get_path()).cleaned(remove_nans=True)
+            marks = path.vertices[:-1] if line.get_linestyle() == "None" else ()
+            hidden = any(map(box.contains, *zip(*marks, strict=True))) if len(marks) else False
+            if hidden or (not len(marks) and len(path.vertices) > 1 and path.intersects_bbox(box, filled=False)):
+                found.append(f"legend on the curve {line.get_label()!r}")
     for legend in figure.legends:
         boxes = [axes.get_window_extent() for axes in figure.axes if axes.axison]
         found += ["legend on a panel"] * any(_overlap(legend.get_window_extent(), box) for box in boxes)
-    return found
+    panels = [axes for axes in figure.axes if axes.axison and axes.get_label() != "<colorbar>"]
+    if len(panels) > 1:
+        found += [f"no letter: {text!r}" for axes in panels if (text := axes.get_title("left"))[:1] != "("]
+    high = 25.4 * float(figure.get_size_inches()[1])
+    return found + [f"{high:.0f} mm high"] * (high > PAGE)
 
 
 def _overlap(one, other):
