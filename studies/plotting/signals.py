@@ -169,7 +169,7 @@ def phase_plane(axes: figures.Axes, moved: Any, speed: Any, state: Any) -> None:
         x, y = (np.where(inside, values, np.nan) for values in (moved, speed))
         axes.plot(x, y, style, color=colour, linewidth=1.6, label=f"phase plane: {run.STATES[code]}")
     axes.plot(moved[0], speed[0], "o", color=figures.RED, markersize=5, zorder=4, label="start of the period")
-    axes.margins(0.15, 0.3)
+    axes.margins(0.15, 0.4)
     for number, (begin, end) in phases.main_phases(state).items():
         middle = begin + int(np.abs(speed[begin:end]).argmax()) if number == 3 else (begin + end) // 2
         place: dict[str, Any] = {"xytext": OFFSETS[number], "textcoords": "offset points"}

@@ -28,7 +28,7 @@ OUTPUTS = {
     "bound": ("1", "largest allowed value of each check", "check"),
 }
 # Margins that a summary lists; in the figure smaller ones are drawn as LEAST, refusals and failures above 1.
-LISTED, LEAST, REFUSED, BROKEN = 12, 1e-6, 10.0, 1000.0
+LISTED, LEAST, REFUSED, BROKEN = 12, 1e-6, 100.0, 1e5
 TICKS = {LEAST: "≤ 10⁻⁶", 1e-4: "10⁻⁴", 1e-2: "10⁻²", 1.0: "1", REFUSED: "refused", BROKEN: "failed"}
 # How the figure calls groups of cases, and what checks compare.
 WORDS = {
