@@ -123,7 +123,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         angles.points(axes, dominant, "dominant, of each realisation", **look)
         if papers:
             angles.paper_frequencies(axes, theta)
-        axes.set(ylim=ends, ylabel="frequency / kHz", yscale="log" if ends[1] > 3.0 * ends[0] else "linear")
+        axes.set(ylim=ends, ylabel="frequency / kHz", yscale="log" if ends[1] > 3.0 * ends[0] > 0.0 else "linear")
         figures.one_two_five(axes.yaxis)
     growth.axhline(0.0, color=figures.BLACK, linewidth=0.6)
     angles.points(growth, dataset["growth_rate"], "unstable pair")

@@ -70,6 +70,8 @@ LOOKS = (
 )
 # Lines of a figure's title; what is longer goes below. Gap between parts of a figure, and height of a page, cm.
 LINES, GAP, PAGE = 2, 0.15, 23.5
+# Least width of a marker's edge, points; most passes in which panels and their texts are fitted to each other.
+LEAST_EDGE, PASSES = 0.6, 4
 
 
 @contextmanager
@@ -96,13 +98,20 @@ def style(
         known = ", ".join(matplotlib.style.available)
         raise InputError(f"style = {str(sheet)!r}: it must be a style file or one of {known}") from problem
     try:
-        settings = matplotlib.rcParams
+        settings: Any = matplotlib.rcParams
+        # Texts are not TeX's, and a figure is as wide as requested.
+        settings.update({"text.usetex": False, "savefig.bbox": None})
+        # Open markers have an edge, and labels of ticks that point inwards leave the corner free.
+        settings["lines.markeredgewidth"] = max(settings["lines.markeredgewidth"], LEAST_EDGE)
+        for side in ("xtick", "ytick"):
+            if settings[f"{side}.direction"] == "in":
+                settings[f"{side}.major.pad"] += settings[f"{side}.major.size"]
         if metres is not None:
             settings["figure.figsize"] = (metres / 0.0254, 0.75 * metres / 0.0254)
         if settings["font.size"] == LARGE and not is_wide():  # nobody has set it
             settings["font.size"] = SMALL
         if font is not None:
-            settings.update(_typeface(font))  # type: ignore[arg-type]
+            settings.update(_typeface(font))
         yield
     finally:
         context.__exit__(None, None, None)
@@ -275,18 +284,21 @@ def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = T
     What was set is `told` below, small. Without `title` it has neither, but a `warning` in any case. The label of
     the figure is both, for a caption.
     """
-    from matplotlib import rc_context
+    from matplotlib import rc_context, rcParams
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     heading, plain = figure.get_suptitle(), figure.savefig
+    # Ticks, too, depend on the style in which a figure is saved.
+    look: Any = {key: value for key, value in rcParams.items() if key.partition(".")[0] in LOOKS}
 
     def save(*where: Any, **how: Any) -> None:
-        with rc_context(FONTS):
+        with rc_context(look | FONTS):
             plain(*where, **how)
 
     figure.savefig = save  # type: ignore[method-assign]
     figure.set_label("\n".join(filter(None, (heading, told))))
     _letter(figure)
+    _lighten(figure)
     engine = figure.get_layout_engine()
     if not isinstance(engine, ConstrainedLayoutEngine):
         return figure
@@ -296,7 +308,7 @@ def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = T
     below = [" ".join(lines[LINES:]), figure.get_supxlabel(), told if title else "", warning]
     text = wrapped(figure, "; ".join(filter(None, below)), wide - 2 * gap, "font.size")
     foot = (
-        figure.supxlabel(text, x=gap / wide, ha="left", va="bottom", fontsize=_points("font.size"))
+        figure.supxlabel(text, x=gap / wide, ha="left", va="bottom", fontsize=points("font.size"))
         if text
         else None
     )
@@ -320,11 +332,12 @@ def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = T
         key.set_bbox_to_anchor((0.5, at / total), figure.transFigure)
     engine.set(rect=(0.0, bottom / total, 1.0, high / total))
     # What has room is known once panels have their places.
-    for _ in range(2):
+    for _ in range(PASSES):
         engine.execute(figure)
-        for axes in figure.axes:
-            _fit(figure, axes)
-    engine.execute(figure)
+        if not any([_fit(figure, axes) for axes in figure.axes]):
+            break
+    else:
+        engine.execute(figure)
     # Labels of panels that span several columns reach beyond the margin.
     reach = [axes.get_tightbbox() for axes in figure.axes]
     left = max([0.0, *(gap - box.x0 for box in reach if box)]) / wide
@@ -336,7 +349,29 @@ def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = T
     return figure
 
 
-def _points(name: str) -> float:
+def _lighten(figure: Figure) -> None:
+    """On a dark background, draw what is black as light as texts are."""
+    from matplotlib import rcParams
+    from matplotlib.collections import Collection as Cells
+    from matplotlib.colors import to_rgb, to_rgba_array
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+    from matplotlib.text import Text
+
+    if sum(to_rgb(rcParams["axes.facecolor"])) > 1.5:
+        return
+    backgrounds = {figure.patch, *(axes.patch for axes in figure.axes)}
+    drawn = [*figure.findobj(Line2D), *figure.findobj(Patch), *figure.findobj(Cells), *figure.findobj(Text)]
+    for artist in set(drawn) - backgrounds:
+        for part in ("color", "edgecolor", "facecolor", "markeredgecolor", "markerfacecolor"):
+            colour = getattr(artist, f"get_{part}", lambda: "none")()
+            colours = to_rgba_array(colour) if colour is not None else np.empty((0, 4))
+            if len(colours) and not colours[:, :3].any() and colours[:, 3].all():
+                getattr(artist, f"set_{part}")(rcParams["text.color"])
+
+
+def points(name: str) -> float:
+    """The size of type, in points, that a setting names."""
     from matplotlib import rcParams
     from matplotlib.font_manager import FontProperties
 
@@ -373,7 +408,7 @@ def wrapped(figure: Figure, text: str, width: float, size: str | float) -> str:
 
     text = powers(text)
 
-    font = FontProperties(size=_points(size) if isinstance(size, str) else size)
+    font = FontProperties(size=points(size) if isinstance(size, str) else size)
     renderer, lines = figure.canvas.get_renderer(), list[str]()  # type: ignore[attr-defined]
     whole = re.sub(r" = [^\s,;]+(?: [^\s,=;]+)?", lambda found: found[0].replace(" ", "\N{NO-BREAK SPACE}"), text)
     for part in whole.splitlines():
@@ -404,17 +439,20 @@ def _legend(figure: Figure, width: float) -> Any:
     return key
 
 
-def _fit(figure: Figure, axes: Axes) -> None:
-    """Break titles and labels that are longer than their side of a panel, and thin out ticks that touch."""
-    box = axes.get_window_extent()
+def _fit(figure: Figure, axes: Axes) -> bool:
+    """Break titles and labels that are longer than their side of a panel, thin out ticks that touch; if any."""
+    box, changed = axes.get_window_extent(), False
     sides = (axes.title, box.width), (axes._left_title, box.width), (axes.xaxis.label, box.width)  # type: ignore[attr-defined]
     for text, room in (*sides, (axes.yaxis.label, box.height)):
         if text.get_text() and text.get_visible():
             whole = vars(text).setdefault("whole", text.get_text())
+            before = text.get_text()
             text.set_text(wrapped(figure, whole, max(room, 40.0), text.get_fontsize()))
+            changed |= text.get_text() != before
     for side in (axes.xaxis, axes.yaxis):
         while _touch(side) and _thin(side):
-            pass
+            changed = True
+    return changed
 
 
 def _touch(side: Axis) -> bool:

@@ -78,7 +78,7 @@ def _box(corner: tuple[float, float], width: float, height: float, colour: str) 
 
 def main() -> None:
     """Draw the picture into the folder of the reference."""
-    with TemporaryDirectory() as folder, figures.style():
+    with TemporaryDirectory() as folder, figures.style(width="220mm"):
         knocks = studies.map(
             x="mu=0.088:0.11:23", quantity="knock_threshold", fix={"V": V, "theta": THETA}, out=folder
         )

@@ -88,7 +88,7 @@ MAPS = {
     "motion": lambda d: {
         "x": f"V=log:1e-3:{d(2e-3, 9e-3)}:3", "y": f"theta={d(1, 3)}:{d(5, 9)}:2",
         "quantity": "regime,velocity_rms",
-        "fix": {"duration": 0.1, "members": 2, "p2_young_modulus": f"{d(150, 250)}GPa"},
+        "fix": {"min_duration": 0.1, "max_duration": 0.2, "members": 2, "p2_young_modulus": f"{d(150, 250)}GPa"},
     },
 }  # fmt: skip
 

@@ -1,33 +1,31 @@
 """Whether anything in a figure is cut, or lies on something else, and whether it fits a page."""
 
+from io import BytesIO
 from itertools import combinations
 from unittest import mock
 
-from matplotlib import rc_context
 from matplotlib.text import Text
-
-from studies.plotting.figures import FONTS
 
 # Pixels at 200 dpi: edges of letters may touch. Height of a page, mm.
 TOUCH, PAGE = 1.0, 240.0
 
 
 def faults(figure):
-    """Whatever is wrong with a figure as it is drawn.
+    """Whatever is wrong with a figure as it is saved.
 
     Texts that leave it, texts on texts, legends on texts, on panels or on the curves of their own panel; panels
     without a letter; a height that no page has.
     """
-    drawn, plain = [], Text.draw
+    boxes, plain = {}, Text.draw
 
     def draw(self, renderer):
         if self.get_visible() and self.get_text().strip():
-            drawn.append((self, self.get_window_extent(renderer)))
+            boxes[self] = self.get_window_extent(renderer)
         return plain(self, renderer)
 
-    with mock.patch.object(Text, "draw", draw), rc_context(FONTS):
-        figure.canvas.draw()
-    whole, found = figure.bbox, []
+    with mock.patch.object(Text, "draw", draw):
+        figure.savefig(BytesIO(), dpi="figure")
+    drawn, whole, found = [*boxes.items()], figure.bbox, []
     for text, box in drawn:
         if box.x0 < -TOUCH or box.y0 < -TOUCH or box.x1 > whole.x1 + TOUCH or box.y1 > whole.y1 + TOUCH:
             found.append(f"cut: {text.get_text()!r}")
