@@ -350,7 +350,7 @@ def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = T
 
 
 def _lighten(figure: Figure) -> None:
-    """On a dark background, draw what is black as light as texts are."""
+    """On a dark background, draw what is black and has no outline as light as texts are."""
     from matplotlib import rcParams
     from matplotlib.collections import Collection as Cells
     from matplotlib.colors import to_rgb, to_rgba_array
@@ -362,7 +362,7 @@ def _lighten(figure: Figure) -> None:
         return
     backgrounds = {figure.patch, *(axes.patch for axes in figure.axes)}
     drawn = [*figure.findobj(Line2D), *figure.findobj(Patch), *figure.findobj(Cells), *figure.findobj(Text)]
-    for artist in set(drawn) - backgrounds:
+    for artist in (each for each in {*drawn} - backgrounds if not each.get_path_effects()):
         for part in ("color", "edgecolor", "facecolor", "markeredgecolor", "markerfacecolor"):
             colour = getattr(artist, f"get_{part}", lambda: "none")()
             colours = to_rgba_array(colour) if colour is not None else np.empty((0, 4))

@@ -2,9 +2,12 @@
 
 import re
 import zlib
+from io import BytesIO
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
+from PIL import Image
 
 import studies
 from fivcore import flutter_onsets
@@ -213,6 +216,25 @@ def test_a_style_and_the_users_settings_are_obeyed(tmp_path, monkeypatch):
         assert figures.look_digest() != plain
     with figures.style(width="88mm"):
         assert (rcParams["lines.linewidth"], rcParams["font.size"]) == (5.0, figures.SMALL)
+
+
+@pytest.mark.parametrize("sheet", ["dark_background", "ggplot", "own"])
+def test_styles_of_others_are_read_and_nothing_is_cut_or_overlaps(sheet, tmp_path):
+    (tmp_path / "own.mplstyle").write_text(
+        "figure.autolayout: True\nfont.family: serif\nfont.size: 7\nxtick.direction: in\nytick.direction: in\n"
+        "lines.markeredgewidth: 0\nsavefig.bbox: tight\nsavefig.dpi: 600\ntext.usetex: True\n",
+        encoding="utf-8",
+    )
+    study, data = reference("fig5")
+    look = {"width": "88mm", "sheet": tmp_path / "own.mplstyle" if sheet == "own" else sheet}
+    figure = runner.draw(study, data, **look)[""]
+    assert not faults(figure)
+    back = to_rgb(figure.axes[0].get_facecolor())
+    lines = [line for axes in figure.axes for line in axes.lines if line.get_linestyle() != "None"]
+    assert all(np.abs(np.subtract(to_rgb(line.get_color()), back)).sum() > 0.5 for line in lines)
+    assert all(line.get_markeredgewidth() > 0.0 for axes in figure.axes for line in axes.lines)
+    with Image.open(BytesIO(runner.image(study, data, **look)[""])) as image:
+        assert image.width == pytest.approx(88.0 / 25.4 * figure.dpi, abs=2)
 
 
 @pytest.mark.parametrize(
