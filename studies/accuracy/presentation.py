@@ -133,7 +133,7 @@ def _draw_costs(axes: Axes, frame: pd.DataFrame, group: str) -> None:
     for marker, (style, colour), (kind, rows) in zip(MARKERS, looks, groups, strict=False):
         rows, size = rows.sort_values("cost"), 10 if kind == "fast: default" else 4
         look: dict[str, Any] = {"linestyle": style, "color": colour, "marker": marker}
-        look["label"] = figures.reworded(kind, WORDS).removesuffix(" ×")
+        look["label"] = figures.reworded(kind, WORDS).removesuffix(" ×").removesuffix(", cut-off")
         axes.plot("cost", f"mismatch {group}", data=rows, ms=size, lw=1.0, **look)
     for error in frame[kinds == "fast: default"][f"error {group}"].dropna():
         axes.axhspan(0.0, error, color="grey", alpha=0.25, linewidth=0.0, label="standard errors alone")

@@ -73,8 +73,8 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     for k, (text, column) in enumerate(deviations(dataset).items()):
         axes.bar(mode + 0.24 * k - 0.24, column, 0.22, color=COLOURS[k], label=text)
     axes.set_xticks(mode, [f"{k}\n{number(f)}" for k, f in zip(mode, hertz, strict=True)])
-    figure.suptitle("Natural frequencies of the beams glued at the contact")
-    axes.set_ylabel("deviation from the paper's computed frequency / %")
+    figure.suptitle("Beams glued at the contact: deviation from the paper's computed frequencies")
+    axes.set_ylabel("deviation / %")
     axes.set_xlabel("mode, and the paper's computed frequency / Hz")
     figures.legend_below(figure, [axes])
     return figure

@@ -153,7 +153,7 @@ def test_the_helper_finds_what_is_cut_and_what_overlaps():
         figure, (axes, other) = figures.panels(2, 1, 4.0)
         for x, text in ((0.1, "one"), (0.12, "other")):
             axes.text(x, 0.5, text)
-        figure.text(0.95, 0.5, "leaves it", in_layout=False)
+        figure.text(0.95, 0.8, "leaves it", in_layout=False)
         other.plot([0.0, 1.0], [0.0, 1.0], label="curve")
         other.plot([0.02, 1.0], [0.02, 1.0], ".", label="points")
         other.legend(loc="lower left")
