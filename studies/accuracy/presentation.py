@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -18,7 +19,18 @@ if TYPE_CHECKING:
 
 # Groups of scenes, and whether they are of the paper's rig.
 GROUPS = {"paper's rig": True, "random rigs": False}
-MARKERS, MISMATCH = "*Pos^vDXd<>p", "error / tolerance, rms"
+MARKERS, MISMATCH = "*Pos^vDXd<>p", "error / tolerance (RMS)"
+# Colours of kinds of settings; a colour comes again with another marker and line.
+COLOURS = figures.BLACK, figures.BLUE, figures.ORANGE, figures.GREEN, figures.RED, figures.GREY
+LINES = "-", "--"
+# How the figure calls settings, and their kinds without the factor.
+WORDS = {
+    "numerical damping published": "published numerical damping", "numerical damping none": "no numerical damping",
+    "no numerical damping": "no numerical damping", "published damping": "published numerical damping",
+    "step": "time step ×", "cut-off": "cut-off frequency ×", "damping": "contact damping ×",
+    "truncation": "rigid contact, cut-off ×", "cross terms off": "no normal-tangential coupling",
+    "no cross terms": "no normal-tangential coupling", "converged": "refined",
+}  # fmt: skip
 _ALLOWED = ", ".join(f"{text} {100.0 * tolerance:g} %" for text, _, tolerance in errors.QUANTITIES.values())
 TERMS = f"""CPU s/s: CPU time per simulated second, mean over scenes. CPU s to SE: CPU time until every fraction of
 time has a standard error of {errors.STANDARD_ERROR:g}. Speed-up: over the published scheme, at common scenes.
@@ -83,7 +95,7 @@ def summary(data: xr.Dataset) -> Iterator[Any]:
 
 def figure(data: xr.Dataset) -> Figure:
     """Error against cost of each group of scenes, error of every setting, and the time to a standard error."""
-    figure, panels = figures.mosaic([[*"ab"], [*"cc"], [*"dd"]], 5.5, 10.5, 4.5)
+    figure, panels = figures.mosaic([[*"ab"], [*"cc"], [*"dd"]], 5.5, 9.5, 4.0)
     panels["b"].sharey(panels["a"])
     for letter, group in zip("ab", GROUPS, strict=True):
         _draw_costs(panels[letter], table(data), group)
@@ -92,7 +104,7 @@ def figure(data: xr.Dataset) -> Figure:
     _draw_scenes(panels["d"], data["time_to_standard_error"].where(timed), "CPU time / s")
     panels["c"].axvline(1.0, color="black", lw=0.8, ls=":")
     until = f"CPU time to a standard error of {errors.STANDARD_ERROR:g} of the fractions of time"
-    figures.letter(panels.values(), (*GROUPS, "every setting at each scene", until))
+    figures.entitle(panels.values(), (*GROUPS, "every setting at each scene", until))
     figures.legend_below(figure, list(panels.values()), 3)
     figure.suptitle("Run time against error")
     return figure
@@ -102,9 +114,12 @@ def _draw_costs(axes: Axes, frame: pd.DataFrame, group: str) -> None:
     """Errors of a group of scenes against cost; what standard errors alone would give is shaded."""
     frame = frame[frame[[f"mismatch {group}" for group in GROUPS]].gt(0.0).any(axis=1)]
     kinds = frame["method"] + ": " + frame["setting"].map(lambda name: settings.SETTINGS[name].kind)
-    for marker, (kind, rows) in zip(MARKERS, frame.groupby(kinds, sort=False), strict=False):
+    groups, looks = frame.groupby(kinds, sort=False), product(LINES, COLOURS)
+    for marker, (style, colour), (kind, rows) in zip(MARKERS, looks, groups, strict=False):
         rows, size = rows.sort_values("cost"), 10 if kind == "fast: default" else 4
-        axes.plot("cost", f"mismatch {group}", marker=marker, data=rows, ms=size, lw=1.0, label=kind)
+        look: dict[str, Any] = {"linestyle": style, "color": colour, "marker": marker}
+        look["label"] = figures.reworded(kind, WORDS).removesuffix(" ×").removesuffix(", cut-off")
+        axes.plot("cost", f"mismatch {group}", data=rows, ms=size, lw=1.0, **look)
     for error in frame[kinds == "fast: default"][f"error {group}"].dropna():
         axes.axhspan(0.0, error, color="grey", alpha=0.25, linewidth=0.0, label="standard errors alone")
     axes.axhline(1.0, color="black", lw=0.8, ls=":")
@@ -118,10 +133,12 @@ def _draw_costs(axes: Axes, frame: pd.DataFrame, group: str) -> None:
 def _draw_scenes(axes: Axes, values: xr.DataArray, label: str) -> None:
     """A row of points, one for each scene, for each method and setting that has a value."""
     rows = values.where(values > 0.0).to_series().dropna().rename("value").reset_index()
-    rows["name"] = rows["method"] + ", " + rows["setting"]
-    for (group, of_paper), color in zip(GROUPS.items(), ("black", "tab:orange"), strict=True):
+    rows["row"], names = pd.factorize(rows["method"] + ": " + rows["setting"])
+    looks = (figures.BLACK, "o"), (figures.ORANGE, "^")
+    for (group, of_paper), (color, marker) in zip(GROUPS.items(), looks, strict=True):
         part = rows[rows["scene"].isin(list(PAPERS)) == of_paper]
-        axes.plot("value", "name", "o", data=part, color=color, ms=4, mfc="none", label=f"(c), (d): {group}")
-    axes.set(xscale="log", xlabel=label, ymargin=0.08)
+        look: dict[str, Any] = {"color": color, "marker": marker, "label": f"(c), (d): {group}"}
+        axes.plot("value", "row", data=part, ms=4, mfc="none", linestyle="none", **look)
+    axes.set(xscale="log", xlabel=label, ylim=(len(names) - 0.4, -0.6))
     axes.tick_params(axis="y", labelsize="small")
-    axes.invert_yaxis()
+    figures.name_rows(axes, [figures.reworded(name, WORDS) for name in names])

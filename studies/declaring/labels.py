@@ -43,7 +43,9 @@ def unit_of(array: xr.DataArray) -> tuple[str, float]:
 def title(name: str, array: xr.DataArray | None = None) -> str:
     """The name of a quantity for a reader: a symbol, or its name in words."""
     if array is None:
-        return SYMBOLS.get(name, re.sub("^p(?=[12] )", "P", name.replace("_", " ")))
+        return SYMBOLS.get(
+            name, re.sub(r"^p(?=[12] )|\brms\b", lambda found: found[0].upper(), name.replace("_", " "))
+        )
     # Files have plain letters.
     text = str(array.attrs.get("long_name", name))
     return SYMBOLS.get(name) or re.sub(r"\b(mu|theta)\b", lambda found: SYMBOLS[found[1]], text)
@@ -53,7 +55,7 @@ def label(array: xr.DataArray, *, long: bool = False) -> str:
     """The label of an axis or a colour bar: "θ / °", "velocity rms / (mm/s)"; or with the long name."""
     name, (unit, _) = str(array.name), unit_of(array)
     text = title(name, array) if long else title(name)
-    return f"{text} / ({unit})" if "/" in unit else f"{text} / {unit}" if unit else text
+    return f"{text} / ({unit})" if set("/ ") & set(unit) else f"{text} / {unit}" if unit else text
 
 
 def readable(array: xr.DataArray) -> xr.DataArray:

@@ -79,7 +79,8 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     chosen = planes.subset(at.sizes[x], PANELS) if len(moved) == 2 else []
     below = [f"plane {k}" for k in chosen] or ["starts"] * bool(moved)
     rows = [["share"], *(below[k : k + 2] for k in range(0, len(below), 2))]
-    figure, panels = figures.mosaic([row * (2 // len(row)) for row in rows], *[6.5] * len(rows))
+    across = max(map(len, rows))
+    figure, panels = figures.mosaic([row * (across // len(row)) for row in rows], *[6.5] * len(rows))
     _draw_shares(panels["share"], at, x)
     titles = ["share of the starts that lead to each motion"]
     if len(moved) == 1:
@@ -99,7 +100,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
             axes.set_xlabel(labels.label(dataset[moved[0]]))
     for name in below:
         panels[name].set_ylabel(labels.label(dataset[moved[-1]]))
-    figures.letter(panels.values(), titles)
+    figures.entitle(panels.values(), titles)
     if x == "mu" and np.isfinite(onset := first_onsets(dataset, rig_of(dataset))[1].ravel()[0]):
         panels["share"].axvline(onset, color="black", linestyle="--", label="onset of flutter")
     figures.legend_below(figure, [panels["share"]], 4)
@@ -117,7 +118,7 @@ def _draw_shares(axes: figures.Axes, at: xr.Dataset, x: str) -> None:
     share, *ends = (at[f"vibration_share{end}"].values for end in ("", "_low", "_high"))
     share = np.where(np.isfinite(ends[0]), share, np.nan)
     figures.curve(axes, labels.readable(at[x]).values, share, ends=ends, color="black", linestyle="none")
-    axes.set(ylim=(0.0, 1.0), ylabel="share")
+    axes.set(ylim=(0.0, 1.0), ylabel="share of the starts")
 
 
 def _draw_starts(axes: figures.Axes, across: xr.DataArray, up: xr.DataArray, codes: xr.DataArray) -> None:

@@ -50,6 +50,22 @@ MODELS: dict[str, Any] = {
     "Impacting bar": ("E = 900, rho = 1, L = v = 10", "Doyen, Ern, Piperno, SIAM J. Sci. Comput. 33 (2011)",
         CLOSED, ("pressure", "time"), classical.bar),
 }  # fmt: skip
+# How a figure calls models and quantities.
+TITLES = {
+    "Hoffmann": "two modes (Hoffmann et al.)", "Mode coupling": "two modes, other stiffness",
+    "Hulten": "two modes, damped (Hultén)", "Coulomb decay": "dry friction: two periods",
+    "Seven swings": "dry friction: seven half periods", "Belt": "belt: constant friction",
+    "Rational": "belt: falling friction (Leine et al.)", "Jump": "belt: kinetic friction half of static",
+    "Fading": "belt: falling friction, damped", "Impacting bar": "elastic bar hits a wall",
+}  # fmt: skip
+WORDS = {
+    "onset": "flutter onset, μ", "rad/s there": "its frequency, rad/s", "growth at mu": "growth rate at μ",
+    "undamped": "frequency at onset", "onset, eta": "onset μ, η", "turn": "turning point",
+    "rest": "final position", ".1 mm": "in 0.1 mm", "first slip": "position at slip onset",
+    "most": "largest displacement", "least": "smallest displacement", "slip": "slip time", "stick": "stick time",
+    "stable from V": "lowest stable speed", "sticks up to V": "highest speed with stick",
+    "pressure": "contact pressure", "time": "time",
+}  # fmt: skip
 CASES = {f"{name}: {text}": (name, k) for name, model in MODELS.items() for k, text in enumerate(model[3])}
 ABOUT, solved = ("model", "equation", "source"), cache(lambda name: MODELS[name][4]())
 
@@ -81,12 +97,19 @@ def summarise(data: xr.Dataset) -> Iterator[Any]:
 
 
 def draw(data: xr.Dataset) -> Any:
-    """Differences by case on a logarithmic axis, with the stated accuracy."""
-    figure, (axes,) = figures.panels(1, 1, 1.5 + 0.42 * data.sizes["case"])
+    """Differences by case on a logarithmic axis, with the stated accuracy; models above their quantities."""
+    rows, places = list[str](), list[int]()
+    for name in data["case"].values.tolist():
+        model, quantity = name.split(": ", 1)
+        rows += [] if TITLES[model] in rows else [TITLES[model]]
+        places.append(len(rows))
+        rows.append(figures.reworded(quantity, WORDS))
+    figure, (axes,) = figures.panels(1, 1, 1.5 + 0.38 * len(rows))
     looks = "os^|", (figures.BLACK, figures.BLUE, figures.ORANGE, figures.RED)
     for array, look, c in zip((data[name] for name in [*OUTPUTS][2:]), *looks, strict=True):
-        axes.plot(abs(array).clip(LEAST), data["case"], look, color=c, label=array.long_name, mfc="none")
-    axes.set(xscale="log", xlabel="difference in the unit of the value", ylim=(data.sizes["case"] - 0.5, -0.5))
+        axes.plot(abs(array).clip(LEAST), places, look, color=c, label=array.long_name, mfc="none")
+    axes.set(xscale="log", xlabel="difference in the unit of the value", ylim=(len(rows) - 0.5, -0.5))
+    figures.name_rows(axes, rows, {*range(len(rows))}.difference(places))
     figure.suptitle("Classical models with friction or impact")
     figures.legend_below(figure, [axes], 2)
     return figure

@@ -123,7 +123,7 @@ def _draw_speed(column: np.ndarray, point: xr.Dataset) -> None:
     (force, speed, *times, phase), kind = column, regimes.kind(point)
     force.sharex(speed)
     force.tick_params(labelbottom=False)
-    force.set(title=f"{labels.named('V', point['V'])}: {kind}")
+    force.set_title(f"{labels.named('V', point['V'])}: {kind}", loc="left")
     speed.set_xlabel("time since the drive started / s")
     phase.set_xlabel("slip displacement / μm")
     if kind == "failed":

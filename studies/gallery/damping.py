@@ -89,10 +89,10 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     _draw_held(top, dataset)
     figures.legend_below(figure, [top])
     same = (("everywhere", names[share == 1.0]), ("nowhere", names[share == 0.0]))
-    text = "; ".join(f"{where}: {', '.join(each)}" for where, each in same if len(each))
+    text = "; ".join(f"{where}: {', '.join(map(_degrees, each))}" for where, each in same if len(each))
     for k, (name, axes) in enumerate(panels.items()):
+        axes.set_title(_degrees(name), loc="left")
         mesh = planes.numbers(axes, dataset["truth"].sel(statement=name), "d1", "d2", vmin=0.0, vmax=1.0)
-        axes.set_title(f"({chr(ord('b') + k)}) {name}", loc="left")
         _mark(axes, dataset, 0.6)
         axes.tick_params(labelleft=k % across == 0, labelbottom=k + across >= len(varies))
         axes.set(**{"xlabel": ""} if k + across < len(varies) else {}, **{"ylabel": ""} if k % across else {})
@@ -104,12 +104,16 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     return figure
 
 
+def _degrees(name: str) -> str:
+    return name.replace(" degrees", "°")
+
+
 def _draw_held(axes: figures.Axes, dataset: xr.Dataset) -> None:
     """Number of statements that hold, lines of equal modal damping, and points."""
     held = dataset["held"].astype(float)
     low, high = np.nan_to_num([held.min(), held.max()])
     mesh = planes.numbers(axes, held, "d1", "d2", vmin=low, vmax=max(high, low + 1.0))
-    axes.set_title(f"(a) statements that hold, of {dataset.sizes['statement']}", loc="left")
+    axes.set_title(f"statements that hold, of {dataset.sizes['statement']}", loc="left")
     axes.figure.colorbar(mesh, ax=axes, location="bottom", aspect=40, pad=0.02)
     omega = 2.0 * np.pi * paper.SIMULATED_LINE
     ratio = 100.0 * (0.5 * dataset["d1"] / omega + 0.5 * dataset["d2"] * omega).transpose("d2", "d1")
@@ -119,7 +123,7 @@ def _draw_held(axes: figures.Axes, dataset: xr.Dataset) -> None:
         axes.clabel(lines, fmt="%g %%")
         axes.plot([], [], color=figures.GREY, linewidth=0.8, label="modal damping\nat 2.7 kHz")
     best = planes.places(most(dataset), "d1", "d2")
-    planes.marks(axes, best, marker=".", color="black", label=f"most: {high:.0f}")
+    planes.marks(axes, best, marker=".", color="black", label=f"most statements: {high:.0f}")
 
 
 def _mark(axes: figures.Axes, dataset: xr.Dataset, size: float) -> None:

@@ -85,7 +85,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     if is_papers_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED):
         signals.mark_lines(tones, [paper.ANGLES[10.0]], ":", "measured at 10°")
     signals.finish_spectra(tones, DEPTH)
-    figures.letter((top, growth, tones), ("motion", "growth and decay", "spectrum after settling"))
+    figures.entitle((top, growth, tones), ("motion", "growth and decay", "spectrum after settling"))
     figures.legend_below(figure, [top, growth, tones], 2)
     figure.suptitle(f"Velocity of B along x{planes.of_all(chosen, dataset.sizes['theta'], 'angles')}")
     return figure

@@ -71,9 +71,11 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     figure, (top, bottom) = figures.panels(2, 1, 8.5, 4.5, sharex=True)
     branches.draw_result(top, bottom, dataset)
     if is_papers_point(dataset, theta=paper.THETA):
-        look = planes.PAPER["first unstable μ"] | {"color": figures.ORANGE, "markerfacecolor": "none"}
-        planes.marks(top, [(mu, 1e-3 * hertz) for mu, hertz in paper.ONSETS], **look | {"markeredgecolor": None})
-    figures.letter((top, bottom), ("frequency", "growth rate of unstable modes"))
+        onsets = [(mu, 1e-3 * hertz) for mu, hertz in paper.ONSETS]
+        planes.marks(top, onsets, **planes.PAPER["first unstable μ"])
+    if len(mu) > 1:
+        bottom.set_xlim(mu[0], mu[-1])
+    figures.entitle((top, bottom), ("frequency", "growth rate of unstable modes"))
     figures.legend_below(figure, [top], 3)
     figure.suptitle(f"Modes of steady sliding{rig_text(dataset)}")
     top.set_ylabel("frequency / kHz")

@@ -17,7 +17,7 @@ from studies.declaring.parameters import Parameter
 from studies.motion import run, scenes
 from studies.motion.stability import MODES
 from studies.physics.onsets import MOST_MU, closest_two, lock_in, pair, path
-from studies.plotting import figures, moving
+from studies.plotting import figures, moving, planes
 from studies.study import Claim, Study
 from sweeps import Axis
 
@@ -61,6 +61,10 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield f"The modes at mu = {float(start['mu']):g}", labels.frame(start, ["mode", "frequency", "growth_rate"])
 
 
+# The model's marks lie within those of the paper.
+PAPER: dict[str, Any] = planes.PAPER["first unstable μ"] | {"label": "paper", "markersize": 9.0, "zorder": 1.5}
+
+
 def draw(dataset: xr.Dataset) -> figures.Figure:
     """Root locus above, the shape at lock-in below."""
     figure, (locus, shape) = figures.panels(2, 1, 7.5, 7.0)
@@ -71,10 +75,10 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     locus.plot(0.0, hertz, "*", markersize=11, color=figures.BLACK, label=f"lock-in, model: μ = {onset:.4f}")
     if is_papers_point(dataset, theta=paper.THETA):
         for hertz_of_paper in (*paper.MODES_5_AND_6, paper.ONSETS[0][1]):
-            locus.plot(0.0, hertz_of_paper, "D", color=figures.ORANGE, mfc="none", label="paper")
+            locus.plot(0.0, hertz_of_paper, **PAPER)
     locus.set(xlabel="growth rate / (1/s)", ylabel="frequency / Hz")
     scale, phases = 40.0 * float(np.ptp(dataset["node_x"].values)), np.exp(1j * np.linspace(0.0, np.pi, 7))
-    for beam, colour in ((1, figures.RED), (2, figures.BLUE)):
+    for beam, colour in ((1, figures.ORANGE), (2, figures.GREEN)):
         at = dataset.isel(node=np.flatnonzero(dataset["beam"].values == beam))
         place = 1e3 * np.stack([at["node_x"].values, at["node_y"].values])
         moved = np.stack([at[f"shape_{x}_real"].values + 1j * at[f"shape_{x}_imag"].values for x in "xy"])
@@ -90,7 +94,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     shape.set(aspect="equal", xlabel="x from the contact / mm", ylabel="y / mm")
     figure.suptitle("Lock-in of two modes")
     titles = f"root locus, μ from {mu[0]:g} (marked) to {mu[-1]:g}", f"growing mode, {hertz:.0f} Hz, enlarged"
-    figures.letter((locus, shape), titles)
+    figures.entitle((locus, shape), titles)
     figures.legend_below(figure, [locus, shape], 3)
     return figure
 

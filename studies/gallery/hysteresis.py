@@ -66,7 +66,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         figures.spans(axes, [[factor * end[0] for end in ends]])
         axes.set_ylabel(text)
     planes.set_side(below, "x", dataset[name])
-    figures.letter(panels, ("motion", "its size", "linear stability of steady sliding"))
+    figures.entitle(panels, ("motion", "its size", "linear stability of steady sliding"))
     figures.legend_below(figure, [middle, below], 4)
     both = "; grey: sliding and vibration are both stable" if ends else ""
     figure.suptitle(f"{labels.title(name)} followed up and down{both}")

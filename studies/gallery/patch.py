@@ -105,15 +105,15 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     colours = [COLOURS[k % len(COLOURS)] for k in range(len(nodes))]
     bars = first.bar(nodes.astype(str), np.nan_to_num(onsets["onset_mu"]), color=colours, width=0.6)
     hertz = ["none" if np.isnan(x) else f"{x:.0f} Hz" for x in onsets["onset_frequency"].values]
-    first.bar_label(bars, hertz, padding=2.0, fontsize=8.0)
-    first.set(xlabel="nodes", ylabel="onset in μ", ymargin=0.12)
+    first.bar_label(bars, hertz, padding=2.0)
+    first.set(xlabel="nodes", ylabel="μ at flutter onset", ymargin=0.12)
     apart = np.diff(mu).min(initial=np.ptp(mu) or 0.1)
     for axes, name in zip(panels, STATISTICS, strict=True):
         planes.set_side(axes, "x", dataset["mu"])
         for k, j in np.ndindex(len(nodes), min(dataset.sizes["finer"], 2)):
             at = dataset.isel(nodes=k, finer=j).transpose("mu", ...)
             values, error = (labels.readable(at[each]).values for each in (name, f"{name}_std"))
-            named = f"step / {at['finer']:g}" if j else f"{nodes[k]} nodes" if nodes[k] > 1 else "point"
+            named = f"open: step / {at['finer']:g}" if j else f"{nodes[k]} nodes" if nodes[k] > 1 else "point"
             look: dict[str, Any] = {
                 "color": colours[k],
                 "mfc": "white" if j else colours[k],
@@ -127,7 +127,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
                 axes.plot([], [], **look, label=named)
         axes.set_ylabel(labels.label(dataset[name]))
     panels[-1].set_yscale("log")
-    figures.letter((first, *panels), ("steady sliding", "stick", "separation", "velocity of B"))
+    figures.entitle((first, *panels), ("steady sliding", "stick", "separation", "velocity of B"))
     figures.legend_below(figure, panels[:1], 6)
     figure.suptitle("Point and patch")
     return figure

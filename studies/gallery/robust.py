@@ -113,7 +113,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     axes.set_yticks(rows, bars["text"].values)
     axes.set(xlabel="fraction of the variance of the lowest onset", xlim=(0.0, None), ylim=(len(rows) - 0.5, -0.5))
     titles = ["probability of instability"] * whole + ["along μ", "lowest onsets", "dominant parameters"]
-    figures.letter(panels.values(), titles)
+    figures.entitle(panels.values(), titles)
     figures.legend_below(figure, list(panels.values()))
     where = labels.named("theta", at["theta"]) + rig_text(dataset)
     figure.suptitle(f"Steady sliding of {at.sizes['sample']} uncertain rigs, onsets at {where}")

@@ -46,7 +46,7 @@ def ranked(dataset: xr.Dataset) -> xr.Dataset:
     """The inclination nearest to where pairs are numbered; parameters by their largest sensitivity of mu."""
     at = dataset.sel(theta=float(dataset["pairs_theta"]), method="nearest").load()
     ends = zip(*(at[name].max("parameter").values for name in ("onset_mu", "onset_frequency")), strict=True)
-    text = ["no onset" if np.isnan(mu) else f"{hertz:.0f} Hz, onset at μ = {mu:.4f}" for mu, hertz in ends]
+    text = ["no onset" if np.isnan(mu) else f"{hertz:.0f} Hz, μ = {mu:.4f}" for mu, hertz in ends]
     largest = abs(at["elasticity_mu"]).max("pair").fillna(0.0)
     return at.assign_coords(text=("pair", text)).isel(parameter=np.argsort(-largest.values, kind="stable"))
 
@@ -81,50 +81,54 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
-    """A row for each pair: sensitivities by size with the change by 1 % more, and the first over theta."""
+    """Of each pair sensitivities by size with the change by 1 % more, and the first over theta."""
     at = ranked(dataset)
     strongest = [name for name in at["parameter"].values.tolist() if name != "theta"]
     looks = dict(zip(strongest, zip(COLOURS, MARKERS, strict=True), strict=False))
     looks |= {name: (figures.BLACK, ".") for name in at["parameter"].values if name == "theta"}
     at = at.isel(parameter=slice(MOST_BARS))
     count = int(dataset["elasticity_mu"].notnull().any(["theta", "parameter"]).sum())
-    pairs, height = dataset["pair"].values[: max(count, 1)], 1.8 + max(0.36 * at.sizes["parameter"], 3.2)
+    pairs, row = dataset["pair"].values[: max(count, 1)], 0.36 if figures.is_wide() else 0.46
+    height = 2.6 + max(row * at.sizes["parameter"], 3.2)
     # A structure has one inclination.
-    alone = bool(structure_in(dataset))
-    figure, panels = figures.panels(len(pairs), 2 - alone, height, sharex="col")
-    if alone:
-        for pair, bars in zip(pairs, panels, strict=True):
-            _draw_bars(bars, at.sel(pair=pair), looks)
-        panels[-1].set_xlabel("normalised sensitivity of the onset's μ")
-        figures.legend_below(figure, panels, 1)
-        figure.suptitle("Sensitivity of flutter onsets")
-        return figure
-    for pair, bars, over in zip(pairs, panels[::2], panels[1::2], strict=True):
-        _draw_bars(bars, at.sel(pair=pair), looks)
+    alone, rows = bool(structure_in(dataset)), [[f"over {pair}" for pair in pairs]]
+    rows = [] if alone else rows if figures.is_wide() else [[name] * len(pairs) for name in rows[0]]
+    heights = height, *[6.0 if figures.is_wide() else 4.5] * len(rows)
+    figure, panels = figures.mosaic([[f"bars {pair}" for pair in pairs], *rows], *heights, stack=False)
+    for k, pair in enumerate(pairs):
+        _draw_bars(panels[f"bars {pair}"], at.sel(pair=pair), looks, named=not k)
+        panels[f"bars {pair}"].set_xlabel("change of μ / %")
+    panels = {pair: panels[f"over {pair}"] for pair in pairs if rows}
+    for pair, over in panels.items():
         over.axvline(float(at["theta"]), color=figures.GREY, linewidth=0.8, linestyle=":")
         for name, (colour, marker) in looks.items():
             curve = dataset["elasticity_mu"].sel(pair=pair, parameter=name)
             look: dict[str, Any] = {"markersize": 3.5, "markevery": 6 if len(curve) > 18 else 1}
             over.plot(curve["theta"], curve, color=colour, marker=marker, label=f"by {text_of(name)}", **look)
         wide = bool(abs(dataset["elasticity_mu"].sel(pair=pair)).max() > 5.0)
-        over.set(ylabel="normalised sensitivity of μ", yscale="symlog" if wide else "linear")
+        over.set_yscale("symlog" if wide else "linear")
         over.yaxis.set_major_formatter("{x:g}")
-    panels[-2].set_xlabel(f"normalised sensitivity of the onset's μ at {labels.named('theta', at['theta'])}")
-    planes.set_side(panels[-1], "x", dataset["theta"])
-    figures.legend_below(figure, panels[::-1], 3)
+        planes.set_side(over, "x", dataset["theta"])
+        over.set_title(at.sel(pair=pair)["text"].item().partition(",")[0], loc="left")
+        over.set_ylabel("change of μ / %" if pair == pairs[0] or not figures.is_wide() else "")
+    where = "" if alone else f"; bars at {labels.named('theta', at['theta'])}"
+    figure.supxlabel(f"change of the μ of each flutter onset by 1 % more of a parameter{where}")
+    figures.legend_below(figure, figure.axes[::-1], 3)
     figure.suptitle(f"Parameters that move the flutter onsets{rig_text(dataset)}")
     return figure
 
 
-def _draw_bars(axes: figures.Axes, one: xr.Dataset, looks: dict[str, tuple[str, str]]) -> None:
-    """Sensitivities, the largest at the top; circles where the onset is when the parameter is 1 % larger."""
-    one = one.isel(parameter=np.argsort(abs(one["elasticity_mu"]).fillna(0.0).values, kind="stable"))
+def _draw_bars(axes: figures.Axes, one: xr.Dataset, looks: dict[str, tuple[str, str]], named: bool) -> None:
+    """Sensitivities, the first at the top; circles where the onset is when the parameter is 1 % larger."""
+    one = one.isel(parameter=slice(None, None, -1))
     values, names = one["elasticity_mu"].fillna(0.0).values, one["parameter"].values.tolist()
     rows = range(len(names))
-    axes.set(title=one["text"].item(), yticks=rows, yticklabels=[text_of(name) for name in names])
+    axes.set_title(one["text"].item(), loc="left")
+    axes.set_yticks(rows, [text_of(name) if named else "" for name in names])
     axes.barh(rows, values, 0.7, color=[looks.get(name, ("#c8c8c8",))[0] for name in names])
-    for row, value in enumerate(values):
-        axes.text(0.0, row, f"  {value:+.2f}  ", ha="right" if value >= 0.0 else "left", va="center", fontsize=7.0)
+    for row, value in enumerate(values if figures.is_wide() else ()):
+        text = f"  {value:+.2f}  ".replace("-", "−")
+        axes.text(0.0, row, text, ha="right" if value >= 0.0 else "left", va="center", fontsize="small")
     look: dict[str, Any] = {"linestyle": "", "markersize": 4.0, "markerfacecolor": "white", "color": figures.BLACK}
     axes.plot(100.0 * one["change_mu"] / one["onset_mu"], rows, "o", label="solved again with 1 % more", **look)
     axes.locator_params(axis="x", nbins=5)

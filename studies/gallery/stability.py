@@ -126,7 +126,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         angles.paper_plane(panels["growth"])
     figures.legend_below(figure, [panels["growth"]], 3)
     titles = "growth of the least stable mode, and onsets", "its frequency", "unstable pairs"
-    figures.letter(panels.values(), titles)
+    figures.entitle(panels.values(), titles)
     figure.suptitle(f"Steady sliding, modes below {BAND / 1e3:g} kHz{rig_text(dataset)}")
     return figure
 

@@ -100,7 +100,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     draw_collapse(collapse, dataset)
     figures.one_two_five(times.xaxis, times.yaxis, products.xaxis, collapse.xaxis)
     opened = any(str(line.get_markerfacecolor()) == "none" for line in collapse.lines)
-    figures.letter(
+    figures.entitle(
         panels, ("mean", "mean × speed", "sustained sticks", "all μ and F" + "; open: start-up" * opened)
     )
     figure.supxlabel(f"means of fewer than {stick_fit.LEAST_STICKS:g} sticks a realisation are left out")

@@ -117,7 +117,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     for axes in panels:
         planes.set_side(axes, "x", dataset["V"])
         axes.label_outer()
-    figures.letter(
+    figures.entitle(
         panels, ("growth rate of the least stable mode", "regime", "growth rate, and without the fall of friction")
     )
     figures.legend_below(figure, panels, 3)

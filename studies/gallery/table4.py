@@ -73,8 +73,9 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     for k, (text, column) in enumerate(deviations(dataset).items()):
         axes.bar(mode + 0.24 * k - 0.24, column, 0.22, color=COLOURS[k], label=text)
     axes.set_xticks(mode, [f"{k}\n{number(f)}" for k, f in zip(mode, hertz, strict=True)])
-    axes.set(title=f"Beams glued at the contact, θ = {float(dataset['theta']):g}°", ylabel="deviation / %")
-    axes.set_xlabel("mode, and its frequency in the paper's numerical column / Hz")
+    figure.suptitle("Beams glued at the contact: deviation from the paper's computed frequencies")
+    axes.set_ylabel("deviation / %")
+    axes.set_xlabel("mode, and the paper's computed frequency / Hz")
     figures.legend_below(figure, [axes])
     return figure
 

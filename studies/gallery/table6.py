@@ -109,18 +109,22 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     """Frequencies, growth rates and fractions of time; unstable intervals, regimes and the paper's text."""
     theta, bounds = dataset["theta"].values, np.stack([dataset["window_from"], dataset["window_to"]], axis=1)
     papers = is_papers_point(dataset, mu=paper.MU, F=paper.LOAD, V=paper.ANGLES_SPEED)
-    heights = 5.0, 4.4, 2.6, 2.6 + 0.6 * len(bounds)
-    figure, panels = figures.panels(4, 1, *heights, sharex=True)
-    lines, growth, fractions, strips = panels
-    for axes in (lines, growth):
-        figures.spans(axes, bounds, color=figures.BLACK, alpha=0.06, zorder=0.5)
-    angles.points(lines, 1e-3 * dataset["frequency"].where(dataset["frequency"] > 0.0), "unstable pair")
+    pairs = 1e-3 * dataset["frequency"].where(dataset["frequency"] > 0.0)
     dominant = 1e-3 * dataset["member_dominant_frequency"]
-    angles.points(lines, dominant, "dominant, of each realisation", color=figures.BLUE, mfc="none", markersize=5.0)
-    if papers:
-        angles.paper_frequencies(lines, theta)
-    lines.set(yscale="log", ylabel="frequency / kHz")
-    figures.one_two_five(lines.yaxis)
+    bands = angles.bands([*np.ravel(pairs), *np.ravel(dominant)])
+    heights = *[5.0 if len(bands) < 2 else 3.4] * len(bands), 4.0, 2.6, 2.6 + 0.6 * len(bounds)
+    figure, panels = figures.panels(len(heights), 1, *heights, sharex=True)
+    *lines, growth, fractions, strips = panels
+    for axes in (*lines, growth):
+        figures.spans(axes, bounds, color=figures.BLACK, alpha=0.06, zorder=0.5)
+    for axes, ends in zip(lines, bands, strict=True):
+        angles.points(axes, pairs, "unstable pair")
+        look: dict[str, Any] = {"color": figures.BLUE, "mfc": "none", "markersize": 5.0}
+        angles.points(axes, dominant, "dominant, of each realisation", **look)
+        if papers:
+            angles.paper_frequencies(axes, theta)
+        axes.set(ylim=ends, ylabel="frequency / kHz", yscale="log" if ends[1] > 3.0 * ends[0] > 0.0 else "linear")
+        figures.one_two_five(axes.yaxis)
     growth.axhline(0.0, color=figures.BLACK, linewidth=0.6)
     angles.points(growth, dataset["growth_rate"], "unstable pair")
     decays = dataset["mode_growth_rate"].where(~(dataset["mode_growth_rate"] > 0.0))
@@ -129,11 +133,14 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     growth.set_ylabel("growth rate / (1/s)")
     parts = {state: dataset[f"{state}_fraction"].values for state in planes.STATE_COLOURS}
     planes.stack(fractions, spec.edges(theta), parts, [*planes.STATE_COLOURS.values()])
+    for bar in fractions.containers[-1]:
+        bar.set(hatch="//////", edgecolor="white", linewidth=0.0)  # not as the regimes below
     planes.draw_mixed(fractions, dataset, "theta", "stick_fraction")
     fractions.set(ylim=(0.0, 1.0), ylabel="fraction\nof time")
     angles.regime_strips(strips, dataset, papers)
     figures.legend_below(figure, panels, 3)
-    figures.letter(panels, ("frequency", "growth rate", "motion of the contact", "unstable angles and regimes"))
+    titles = "growth rate", "motion of the contact", "unstable angles and regimes"
+    figures.entitle(panels, ("frequency", *[""] * (len(bands) - 1), *titles))
     figure.suptitle("Stability and motion over the inclination")
     return figure
 

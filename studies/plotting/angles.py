@@ -19,6 +19,8 @@ PAPER: dict[str, tuple[Any, str]] = {
     "dominant, simulated": (paper.ANGLES_SIMULATED, "x"),
     "unstable pair": (paper.ANGLES_UNSTABLE, "^"),
 }
+# Frequencies further apart than by this factor lie in bands of their own; panels for them.
+APART, MOST = 1.5, 3
 STYLES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (1.3, 1.3)), (0, (6, 1.5, 1.3, 1.5)))
 
 
@@ -27,6 +29,14 @@ def points(axes: figures.Axes, array: xr.DataArray, label: str, **look: Any) -> 
     x, y = xr.broadcast(array["theta"], array)
     options: dict[str, Any] = {"linestyle": "", "marker": "o", "color": figures.BLACK, "markersize": 3.0} | look
     figures.curve(axes, np.ravel(x), np.ravel(y), label=label, **options)
+
+
+def bands(frequencies: Any) -> list[tuple[float, float]]:
+    """Ends of the bands, far apart, in which frequencies lie, the highest first; of too many the whole range."""
+    known = np.unique(np.asarray(frequencies)[np.isfinite(frequencies)])
+    parts = np.split(known, np.flatnonzero(known[1:] > APART * known[:-1]) + 1) if len(known) else []
+    parts = parts if len(parts) <= MOST else [known]
+    return [(0.95 * part[0], 1.05 * part[-1]) for part in reversed(parts)] or [(0.0, 10.0)]
 
 
 def paper_frequencies(axes: figures.Axes, theta: Any) -> None:

@@ -44,7 +44,7 @@ def draw(pair: Mapping[str, xr.Dataset], note: str) -> figures.Figure:
     top.set(ylim=(0.0, None), xlim=(min(end[0] for end in ends), max(end[1] for end in ends)))
     top.set(ylabel="frequency / kHz")
     bottom.set(xlabel="coefficient of friction μ", ylabel="growth rate / (1/s)", ylim=(0.0, None))
-    figures.letter((top, bottom), ("frequency", "growth rate of unstable modes"))
+    figures.entitle((top, bottom), ("frequency", "growth rate of unstable modes"))
     figures.legend_below(figure, [top], 3)
     figure.suptitle(f"Steady sliding of the rigs {' and '.join(pair)}")
     return figures.finish(figure, note)

@@ -8,14 +8,15 @@ import numpy as np
 
 from studies.declaring import labels
 from studies.motion.run import STATES
-from studies.plotting import figures
+from studies.plotting import figures, planes
 from sweeps import DONE
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-COLOURS = ("#ffffff", figures.BLUE, figures.ORANGE)
+# As in other figures: separation, stick, slip.
+COLOURS = tuple(planes.STATE_COLOURS[name] for name in STATES)
 # Columns in a picture of all of a run, samples in one of its end; contacts that are all numbered.
 WIDE, CLOSE, NUMBERED = 1500, 300, 12
 
@@ -52,7 +53,7 @@ def draw(dataset: xr.Dataset) -> Figure:
     shares.set(xlabel="share of time", xlim=(0.0, 1.0))
     whole.set(ylabel="contact", ylim=(-0.5, len(state) - 0.5))
     whole.yaxis.set_major_locator(MaxNLocator(NUMBERED, integer=True))
-    figures.letter((whole, close, shares), ("all of the run", "its end", "shares of time"))
+    figures.entitle((whole, close, shares), ("all of the run", "its end", "shares of time"))
     figures.legend_below(figure, [shares])
     place = ", ".join(labels.named(str(dim), point[dim]) for dim in status.dims)
     more = f"; one of {status.size} points" if status.size > 1 else ""

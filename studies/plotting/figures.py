@@ -6,7 +6,7 @@ Matplotlib is imported when something is drawn: workers and `fiv --help` never n
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
 from hashlib import sha256
@@ -36,6 +36,7 @@ MANY_DECADES = 200.0
 BLACK, GREY = "#000000", "#7f7f7f"
 BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
 COLOURS = (BLUE, BLACK, ORANGE, GREEN, RED)
+SUPERSCRIPTS = str.maketrans("-−0123456789", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+")
 # Of a parameter that is followed up and down.
 WAYS = {"up": (GREEN, "^"), "down": (RED, "v")}
 
@@ -44,8 +45,7 @@ WIDTH, WIDE, LARGE, SMALL = 180.0, 130.0, 8.0, 7.0
 NARROWEST, WIDEST = 40.0, 1000.0
 STYLE: Any = {
     "figure.figsize": (WIDTH / 25.4, 0.75 * WIDTH / 25.4),
-    # Texts are as wide on paper as where they are measured.
-    "figure.dpi": 200.0, "text.hinting": "none",
+    "figure.dpi": 200.0,
     "font.size": LARGE, "axes.titlesize": "medium", "figure.titlesize": "large", "lines.linewidth": 1.2,
     "axes.spines.top": False, "axes.spines.right": False, "axes.axisbelow": True,
     "axes.grid": True, "grid.color": "#e0e0e0", "grid.linewidth": 0.6,
@@ -53,8 +53,8 @@ STYLE: Any = {
     # Names within a vector figure follow from what is drawn, not from chance.
     "svg.hashsalt": "fiv",
 }  # fmt: skip
-# Fonts are embedded as TrueType, and text stays text, as journals ask.
-FONTS: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}
+# Fonts are embedded as TrueType, and text stays text, as journals ask; it is as wide as where it is measured.
+FONTS: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none", "text.hinting": "none"}
 
 # Metadata of each format: which entry names the data that a figure shows, and no date, so that the same result is
 # the same file.
@@ -68,8 +68,10 @@ LOOKS = (
     *("legend", "lines", "markers", "mathtext", "patch", "path", "pcolor", "pdf", "ps", "savefig", "scatter"),
     *("svg", "text", "xaxis", "xtick", "yaxis", "ytick"),
 )
-# Lines of a figure's title; what is longer goes below. Gap between parts of a figure, cm.
-LINES, GAP = 2, 0.15
+# Lines of a figure's title; what is longer goes below. Gap between parts of a figure, and height of a page, cm.
+LINES, GAP, PAGE = 2, 0.15, 23.5
+# Least width of a marker's edge, points; most passes in which panels and their texts are fitted to each other.
+LEAST_EDGE, PASSES = 0.6, 4
 
 
 @contextmanager
@@ -96,13 +98,20 @@ def style(
         known = ", ".join(matplotlib.style.available)
         raise InputError(f"style = {str(sheet)!r}: it must be a style file or one of {known}") from problem
     try:
-        settings = matplotlib.rcParams
+        settings: Any = matplotlib.rcParams
+        # Texts are not TeX's, and a figure is as wide as requested.
+        settings.update({"text.usetex": False, "savefig.bbox": None})
+        # Open markers have an edge, and labels of ticks that point inwards leave the corner free.
+        settings["lines.markeredgewidth"] = max(settings["lines.markeredgewidth"], LEAST_EDGE)
+        for side in ("xtick", "ytick"):
+            if settings[f"{side}.direction"] == "in":
+                settings[f"{side}.major.pad"] += settings[f"{side}.major.size"]
         if metres is not None:
             settings["figure.figsize"] = (metres / 0.0254, 0.75 * metres / 0.0254)
         if settings["font.size"] == LARGE and not is_wide():  # nobody has set it
             settings["font.size"] = SMALL
         if font is not None:
-            settings.update(_typeface(font))  # type: ignore[arg-type]
+            settings.update(_typeface(font))
         yield
     finally:
         context.__exit__(None, None, None)
@@ -215,8 +224,6 @@ def _figure(height: float) -> Figure:
     height *= 1.0 if is_wide() else 0.85
     figure = Figure(figsize=(width_cm() / 2.54, height / 2.54), layout="constrained")
     FigureCanvasAgg(figure)  # which measures texts
-    # Labels of panels that span several columns reach into the margin.
-    figure.get_layout_engine().set(w_pad=0.08)  # type: ignore[union-attr, call-arg]
     return figure
 
 
@@ -267,7 +274,7 @@ def one_two_five(*sides: Axis) -> None:
             places = np.outer(10.0 ** np.arange(np.floor(np.log10(low)), np.log10(high) + 1.0), subs)
             many = np.count_nonzero((low <= places) & (places <= high)) > 1
             side.set_major_locator(LogLocator(subs=subs) if many else MaxNLocator(4))
-            side.set_major_formatter("{x:g}")
+            side.set_major_formatter(lambda x, _: powers(f"{x:g}"))
             side.set_minor_formatter(NullFormatter())
 
 
@@ -277,17 +284,21 @@ def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = T
     What was set is `told` below, small. Without `title` it has neither, but a `warning` in any case. The label of
     the figure is both, for a caption.
     """
-    from matplotlib import rc_context
+    from matplotlib import rc_context, rcParams
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     heading, plain = figure.get_suptitle(), figure.savefig
+    # Ticks, too, depend on the style in which a figure is saved.
+    look: Any = {key: value for key, value in rcParams.items() if key.partition(".")[0] in LOOKS}
 
     def save(*where: Any, **how: Any) -> None:
-        with rc_context(FONTS):
+        with rc_context(look | FONTS):
             plain(*where, **how)
 
     figure.savefig = save  # type: ignore[method-assign]
     figure.set_label("\n".join(filter(None, (heading, told))))
+    _letter(figure)
+    _lighten(figure)
     engine = figure.get_layout_engine()
     if not isinstance(engine, ConstrainedLayoutEngine):
         return figure
@@ -297,7 +308,7 @@ def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = T
     below = [" ".join(lines[LINES:]), figure.get_supxlabel(), told if title else "", warning]
     text = wrapped(figure, "; ".join(filter(None, below)), wide - 2 * gap, "font.size")
     foot = (
-        figure.supxlabel(text, x=gap / wide, ha="left", va="bottom", fontsize=_points("font.size"))
+        figure.supxlabel(text, x=gap / wide, ha="left", va="bottom", fontsize=points("font.size"))
         if text
         else None
     )
@@ -309,6 +320,8 @@ def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = T
     figure.suptitle("\n".join(lines[:LINES]), va="top")
     if lines:
         top += figure._suptitle.get_window_extent().height + gap  # type: ignore[attr-defined]
+    # Rows become lower where a page would be too short.
+    high = min(high, max(PAGE / 2.54 * figure.dpi - bottom - top, 0.5 * high))
     total = high + bottom + top
     figure.set_size_inches(wide / figure.dpi, total / figure.dpi)
     figure._suptitle.set(y=1.0 - gap / total, in_layout=False)  # type: ignore[attr-defined]
@@ -319,27 +332,83 @@ def finish(figure: Figure, told: str = "", warning: str = "", *, title: bool = T
         key.set_bbox_to_anchor((0.5, at / total), figure.transFigure)
     engine.set(rect=(0.0, bottom / total, 1.0, high / total))
     # What has room is known once panels have their places.
-    for _ in range(2):
+    for _ in range(PASSES):
         engine.execute(figure)
-        for axes in figure.axes:
-            _fit(figure, axes)
-    engine.execute(figure)
+        if not any([_fit(figure, axes) for axes in figure.axes]):
+            break
+    else:
+        engine.execute(figure)
+    # Labels of panels that span several columns reach beyond the margin.
+    reach = [axes.get_tightbbox() for axes in figure.axes]
+    left = max([0.0, *(gap - box.x0 for box in reach if box)]) / wide
+    right = max([0.0, *(box.x1 + gap - wide for box in reach if box)]) / wide
+    if left or right:
+        engine.set(rect=(left, bottom / total, 1.0 - left - right, high / total))
+        engine.execute(figure)
     figure.set_layout_engine("none")  # places stay
     return figure
 
 
-def _points(name: str) -> float:
+def _lighten(figure: Figure) -> None:
+    """On a dark background, draw what is black and has no outline as light as texts are."""
+    from matplotlib import rcParams
+    from matplotlib.collections import Collection as Cells
+    from matplotlib.colors import to_rgb, to_rgba_array
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+    from matplotlib.text import Text
+
+    if sum(to_rgb(rcParams["axes.facecolor"])) > 1.5:
+        return
+    backgrounds = {figure.patch, *(axes.patch for axes in figure.axes)}
+    drawn = [*figure.findobj(Line2D), *figure.findobj(Patch), *figure.findobj(Cells), *figure.findobj(Text)]
+    for artist in (each for each in {*drawn} - backgrounds if not each.get_path_effects()):
+        for part in ("color", "edgecolor", "facecolor", "markeredgecolor", "markerfacecolor"):
+            colour = getattr(artist, f"get_{part}", lambda: "none")()
+            colours = to_rgba_array(colour) if colour is not None else np.empty((0, 4))
+            if len(colours) and not colours[:, :3].any() and colours[:, 3].all():
+                getattr(artist, f"set_{part}")(rcParams["text.color"])
+
+
+def points(name: str) -> float:
+    """The size of type, in points, that a setting names."""
     from matplotlib import rcParams
     from matplotlib.font_manager import FontProperties
 
     return float(FontProperties(size=rcParams[name]).get_size_in_points())  # type: ignore[index]
 
 
+def name_rows(axes: Axes, rows: Sequence[str], heads: Collection[int] = ()) -> None:
+    """Name rows 0, 1, ... of a panel beside them; those of `heads` are headings, within the panel."""
+    named = [k for k in range(len(rows)) if k not in heads]
+    axes.set_yticks(named, [powers(rows[k]) for k in named])
+    for k in heads:
+        axes.text(0.01, k, rows[k], transform=axes.get_yaxis_transform(), va="center", fontweight="bold")
+
+
+def reworded(text: str, words: Mapping[str, str]) -> str:
+    """A text with those of its parts that are keys of `words` in a reader's words, the longest first."""
+    known = "|".join(map(re.escape, sorted(words, key=len, reverse=True)))
+    return re.sub(rf"(?<!\w)(?:{known})(?!\w)", lambda found: words[found[0]], text)
+
+
+def powers(text: str) -> str:
+    """A text with powers of ten as one prints them: 10⁻⁸ for 1e-08."""
+
+    def power(found: re.Match[str]) -> str:
+        digits = str(int(found[2])).translate(SUPERSCRIPTS)
+        return f"10{digits}" if found[1] == "1" else f"{found[1]}·10{digits}"
+
+    return re.sub(r"\b(\d+(?:\.\d+)?)e([-+−]?\d+)\b", power, text)
+
+
 def wrapped(figure: Figure, text: str, width: float, size: str | float) -> str:
     """A text broken where a line is longer than `width`, in pixels of a figure, but not in `F = 9 N`."""
     from matplotlib.font_manager import FontProperties
 
-    font = FontProperties(size=_points(size) if isinstance(size, str) else size)
+    text = powers(text)
+
+    font = FontProperties(size=points(size) if isinstance(size, str) else size)
     renderer, lines = figure.canvas.get_renderer(), list[str]()  # type: ignore[attr-defined]
     whole = re.sub(r" = [^\s,;]+(?: [^\s,=;]+)?", lambda found: found[0].replace(" ", "\N{NO-BREAK SPACE}"), text)
     for part in whole.splitlines():
@@ -359,7 +428,7 @@ def _legend(figure: Figure, width: float) -> Any:
     if not figure.legends:
         return None
     entries, most = vars(figure.legends[0])["entries"], figure.legends[0]._ncols  # type: ignore[attr-defined]
-    handles, texts = [*entries.values()], [*entries]
+    handles, texts = [*entries.values()], [*map(powers, entries)]
     for columns in range(min(most, len(texts)), 0, -1):
         figure.legends[-1].remove()
         if columns == 1:
@@ -370,17 +439,20 @@ def _legend(figure: Figure, width: float) -> Any:
     return key
 
 
-def _fit(figure: Figure, axes: Axes) -> None:
-    """Break titles and labels that are longer than their side of a panel, and thin out ticks that touch."""
-    box = axes.get_window_extent()
+def _fit(figure: Figure, axes: Axes) -> bool:
+    """Break titles and labels that are longer than their side of a panel, thin out ticks that touch; if any."""
+    box, changed = axes.get_window_extent(), False
     sides = (axes.title, box.width), (axes._left_title, box.width), (axes.xaxis.label, box.width)  # type: ignore[attr-defined]
     for text, room in (*sides, (axes.yaxis.label, box.height)):
         if text.get_text() and text.get_visible():
             whole = vars(text).setdefault("whole", text.get_text())
+            before = text.get_text()
             text.set_text(wrapped(figure, whole, max(room, 40.0), text.get_fontsize()))
+            changed |= text.get_text() != before
     for side in (axes.xaxis, axes.yaxis):
         while _touch(side) and _thin(side):
-            pass
+            changed = True
+    return changed
 
 
 def _touch(side: Axis) -> bool:
@@ -400,15 +472,14 @@ def _thin(side: Axis) -> bool:
     from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullFormatter
 
     locator, low, high = side.get_major_locator(), *sorted(side.get_view_interval())
-    count = len([place for place in side.get_majorticklocs() if low <= place <= high])
-    if count < 3 or isinstance(locator, (FixedLocator, StrCategoryLocator)):
+    places = [place for place in side.get_majorticklocs() if low <= place <= high]
+    if len(places) < 3 or isinstance(locator, (FixedLocator, StrCategoryLocator)):
         return False
-    if isinstance(locator, MaxNLocator):
-        side.set_major_locator(MaxNLocator(count - 2, steps=[1, 2, 2.5, 5, 10]))
+    if isinstance(locator, MaxNLocator) and len(places) > 3:
+        side.set_major_locator(MaxNLocator(len(places) - 2, steps=[1, 2, 2.5, 5, 10]))
     elif isinstance(locator, LogLocator) and len(locator._subs) > 1:  # type: ignore[attr-defined]
         side.set_major_locator(LogLocator(subs=(1.0,) if len(locator._subs) == 2 else (1.0, 3.0)))  # type: ignore[attr-defined]
     else:
-        places = [place for place in side.get_majorticklocs() if low <= place <= high]
         side.set_ticks(places[::2])
     side.set_minor_formatter(NullFormatter())
     return True
@@ -455,9 +526,22 @@ def spans(axes: Axes, intervals: Iterable[Any], label: str = "", **look: Any) ->
             axes.axvspan(*ends, **options)
 
 
-def letter(panels: Iterable[Axes], titles: Iterable[str]) -> None:
-    """Over each panel its letter and title."""
-    for k, (axes, title) in enumerate(zip(panels, titles, strict=True)):
+def entitle(panels: Iterable[Axes], titles: Iterable[str]) -> None:
+    """A title over each panel, to which `finish` adds its letter."""
+    for axes, title in zip(panels, titles, strict=True):
+        axes.set_title(title, loc="left")
+
+
+def _letter(figure: Figure) -> None:
+    """Letters before the titles of two or more panels, in their order."""
+    panels = [
+        axes
+        for axes in figure.axes
+        if axes.get_label() != "<colorbar>" and (axes.axison or axes.get_title("left"))
+    ]
+    for k, axes in enumerate(panels if len(panels) > 1 else ()):
+        title = axes.get_title("left") or axes.get_title()
+        axes.set_title("")
         axes.set_title(f"({chr(ord('a') + k)}) {title}".rstrip(), loc="left")
 
 

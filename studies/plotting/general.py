@@ -29,7 +29,8 @@ PAPER += [("D", "first unstable μ, paper", POINT | {"mu": mu}) for mu, _ in pap
 
 # Panels of a figure: quantities down, values of a further parameter or parameters that are drawn across.
 MOST_DOWN, MOST_CURVES = 4, 6
-# Rows of recorded series; the share of a run before its spectrum begins, and the segments of that.
+# Rows of recorded series, half of them where figures are narrow; the share of a run before its spectrum begins,
+# and the segments of that.
 MOST_SERIES, BEGIN, SEGMENTS = 6, 0.3, 8
 # Below this part of its size a series is constant but for rounding.
 CONSTANT = 1e-6
@@ -233,11 +234,12 @@ def series_of(dataset: xr.Dataset) -> list[str]:
 def draw_series(dataset: xr.Dataset, names: Sequence[str]) -> figures.Figure:
     """For points and series: all of it, ten periods, and its power spectral density."""
     points = dataset.stack(point=[dim for dim in dataset[names[0]].dims if dim != "elapsed"])
-    most = max(1, MOST_SERIES // len(names))
+    rows_shown = MOST_SERIES if figures.is_wide() else MOST_SERIES // 2
+    most = max(1, rows_shown // len(names))
     # Those that move most, where there is no room for all.
     moves = points[names[0]].std("elapsed").fillna(-1.0).values
     chosen = sorted(np.argsort(-moves, kind="stable")[:most].tolist())
-    rows = [(points.isel(point=k), name) for k in chosen for name in names][:MOST_SERIES]
+    rows = [(points.isel(point=k), name) for k in chosen for name in names][:rows_shown]
     figure, panels = signals.series_panels(len(rows))
     elapsed = dataset["elapsed"].values
     rate = 1.0 / float(elapsed[1] - elapsed[0]) if len(elapsed) > 1 else 1.0

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from fivcore import AssembledModes
 
-# Half the longest step of lambda along a branch, by the largest lambda; least distance of labels, by their axis.
-JUMP, APART = 0.1, 0.06
+# Half the longest step of lambda along a branch, by the largest lambda.
+JUMP = 0.1
 # Markers of the first onsets, and of all further ones.
 MARKERS = "os^vpP."
 NAMED = len(MARKERS) - 1
@@ -58,7 +58,7 @@ def modes_figure(modes: AssembledModes, onsets: Any = (), parameter: str = "coef
         bottom.axhline(0.0, color=figures.GREY, linewidth=0.8)
         mark_onsets(top, *(onsets or ((), ())))
         name_growing(bottom, mu[-1], frequency[-1], growth[-1])
-        figures.letter((top, bottom), ("frequency", "growth rate"))
+        figures.entitle((top, bottom), ("frequency", "growth rate"))
         figures.legend_below(figure, [top], 3)
         figures.finish(figure)
     return figure
@@ -87,7 +87,8 @@ def draw_branches(
 
 def name_growing(axes: Axes, mu: float, hertz: Any, rates: Any) -> None:
     """Write the frequency of each growing mode at the end of its branch, where there is room."""
-    last, apart = np.inf, APART * float(np.ptp(axes.get_ylim()))
+    pixels = 1.5 * figures.points("font.size") / 72.0 * axes.figure.dpi
+    last, apart = np.inf, pixels / axes.get_window_extent().height * float(np.ptp(axes.get_ylim()))
     place: dict[str, Any] = {"xytext": (4, 0), "textcoords": "offset points", "va": "center"}
     for rate, each in sorted(((r, f) for r, f in zip(rates, hertz, strict=True) if r > 0.0), reverse=True):
         if last - rate >= apart:

@@ -118,7 +118,7 @@ def _draw_plane(point: xr.Dataset, x: str, y: str, title: str) -> figures.Figure
         _draw_onset(axes, point, x, y)
         planes.mark_mixed(axes, point, x, y)
         axes.label_outer()
-    figures.letter([top, *panels.values()], ["regime", *(labels.label(point[name]) for name in panels)])
+    figures.entitle([top, *panels.values()], ["regime", *(labels.label(point[name]) for name in panels)])
     figure.suptitle(title)
     return figure
 

@@ -53,12 +53,9 @@ def series_panels(rows: int) -> tuple[figures.Figure, list[list[figures.Axes]]]:
 
 
 def name_sides(panels: Sequence[Sequence[figures.Axes]]) -> None:
-    """Letters of the panels, and what stands across, below the last of each column."""
-    for texts in (("time / s", "time / ms", "frequency / kHz"),):
-        for axes, text in zip(panels[-1], texts, strict=True):
-            axes.set_xlabel(text)
-    flat = [axes for row in panels for axes in row]
-    figures.letter(flat, [axes.get_title("left") for axes in flat])
+    """What stands across, below the last panel of each column."""
+    for axes, text in zip(panels[-1], ("time / s", "time / ms", "frequency / kHz"), strict=True):
+        axes.set_xlabel(text)
 
 
 def compare(panels: Sequence[Sequence[figures.Axes]], duration: float, depth: float) -> None:
@@ -172,7 +169,7 @@ def phase_plane(axes: figures.Axes, moved: Any, speed: Any, state: Any) -> None:
         x, y = (np.where(inside, values, np.nan) for values in (moved, speed))
         axes.plot(x, y, style, color=colour, linewidth=1.6, label=f"phase plane: {run.STATES[code]}")
     axes.plot(moved[0], speed[0], "o", color=figures.RED, markersize=5, zorder=4, label="start of the period")
-    axes.margins(0.15, 0.3)
+    axes.margins(0.15, 0.4)
     for number, (begin, end) in phases.main_phases(state).items():
         middle = begin + int(np.abs(speed[begin:end]).argmax()) if number == 3 else (begin + end) // 2
         place: dict[str, Any] = {"xytext": OFFSETS[number], "textcoords": "offset points"}

@@ -28,8 +28,20 @@ OUTPUTS = {
     "bound": ("1", "largest allowed value of each check", "check"),
 }
 # Margins that a summary lists; in the figure smaller ones are drawn as LEAST, refusals and failures above 1.
-LISTED, LEAST, REFUSED, BROKEN = 12, 1e-6, 10.0, 100.0
-TICKS = {LEAST: "≤ 1e-6", 1e-4: "1e-4", 1e-2: "1e-2", 1.0: "1", REFUSED: "refused", BROKEN: "fails"}
+LISTED, LEAST, REFUSED, BROKEN = 12, 1e-6, 100.0, 1e5
+TICKS = {LEAST: "≤ 10⁻⁶", 1e-4: "10⁻⁴", 1e-2: "10⁻²", 1.0: "1", REFUSED: "refused", BROKEN: "failed"}
+# How the figure calls groups of cases, and what checks compare.
+WORDS = {
+    "step": "time step", "friction": "coefficient of friction", "angle": "inclination", "speed": "drive speed",
+    "grazing": "grazing contact", "release": "release of preload", "catch": "hard impact",
+    "first state": "initial state", "rig": "geometry, material, mass", "damping": "structural damping",
+    "drive": "start of the drive", "long": "long run", "cut-off": "cut-off frequency", "finite": "finite values",
+    "normal": "compressive normal force", "cone": "Coulomb's limit, |T| ≤ μN",
+    "relaxation": "relaxation of T to the limit", "separation": "no force if separated",
+    "direction": "friction dissipates", "stick": "no slip in stick", "gap": "no penetration or gap",
+    "energy": "energy balance", "mean": "mean normal force F", "copy": "similar scenes agree",
+    "record": "recording", "message": "message of a refusal",
+}  # fmt: skip
 STYLES = {"fast": ("o", figures.BLUE), "exact": ("^", figures.ORANGE), "paper": ("s", figures.BLACK)}
 
 
@@ -100,8 +112,8 @@ def figure(data: xr.Dataset) -> Any:
     figure, panels = figures.panels(2, 1, *(1.0 + 0.55 * row for row in rows), sharex=True)
     _draw_strips(panels[0], nearest.assign_coords(group=data["group"]), "group")
     _draw_strips(panels[1], data["margin"], "check")
-    figures.letter(panels, ("cases by group: the check that came nearest to failing", "every check"))
-    panels[1].set_xlabel("margin: value / bound of the check; from 1 on a case fails")
+    figures.entitle(panels, ("cases: the check that came nearest to failing", "checks of all cases"))
+    panels[1].set_xlabel("deviation / allowed deviation")
     figure.suptitle(f"{data.sizes['case']} cases under stress, {DAMPING}: {failed} failed")
     figures.legend_below(figure, panels)
     return figure
@@ -118,7 +130,8 @@ def _draw_strips(axes: Any, values: xr.DataArray, name: str) -> None:
         axes.plot(points["x"], y, marker, color=color, label=method, ms=4, mfc="none", mew=0.7)
     axes.axvline(1.0, color=figures.RED, linestyle="--", label="bound")
     axes.set(xscale="log", xlim=(0.5 * LEAST, 2.0 * BROKEN), ylim=(len(labels) - 0.5, -0.5))
-    axes.set(xticks=list(TICKS), xticklabels=TICKS.values(), yticks=range(len(labels)), yticklabels=labels)
+    axes.set(xticks=list(TICKS), xticklabels=TICKS.values())
+    figures.name_rows(axes, [WORDS.get(each, each) for each in labels])
     axes.minorticks_off()
 
 

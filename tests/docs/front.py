@@ -45,7 +45,7 @@ def front(stability: xr.Dataset, knocks: xr.Dataset) -> Figure:
     for x, text in ((0.5 * (mu[0] + low), "sliding"), (onset + 0.002, "squeal")):
         axes.text(x, np.sqrt(bottom * top), text, rotation=90.0, ha="center", va="center")
     axes.text(0.5 * (low + onset), 0.7 * top, "a stronger knock\nstarts squeal", ha="center", va="top")
-    figures.letter(panels, ("the rig", "unstable sliding", f"θ = {THETA:g}°, V = {1e3 * V:g} mm/s"))
+    figures.entitle(panels, ("the rig", "unstable sliding", f"θ = {THETA:g}°, V = {1e3 * V:g} mm/s"))
     return figures.finish(figure)
 
 
@@ -78,7 +78,7 @@ def _box(corner: tuple[float, float], width: float, height: float, colour: str) 
 
 def main() -> None:
     """Draw the picture into the folder of the reference."""
-    with TemporaryDirectory() as folder, figures.style():
+    with TemporaryDirectory() as folder, figures.style(width="220mm"):
         knocks = studies.map(
             x="mu=0.088:0.11:23", quantity="knock_threshold", fix={"V": V, "theta": THETA}, out=folder
         )
