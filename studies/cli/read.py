@@ -59,7 +59,7 @@ def list_studies(study: str | None, out: str | None) -> None:
 
 
 def _study(name: str, out: str | None, known: int | None) -> tuple[Study, int]:
-    """A study, or that of a result in the folder, and the number of its points; a sweep may compute to count them."""
+    """A study, or that of a result in the folder, and the number of its points, which may cost a computation."""
     from studies import registry, runner
     from studies.answering import results
     from studies.asking.sweep import sweep_of
