@@ -73,7 +73,8 @@ class RunResult:
             return ""
         place = np.ravel(data["contact_position"].values) if "contact_position" in data else np.array([])
         where = f"{1e3 * place[0]:g} mm" if len(place) == 1 else "one place"
-        moves = f"the drive moves {100.0 * moved:.2g} % of P2's length in a run"
+        share = f"{100.0 * moved:.{'2g' if moved < 0.1 else '0f'}} %"
+        moves = f"the drive moves {share} of P2's length in a run"
         return f"{moves}; a real contact would travel along, here it stays at {where}"
 
     @property

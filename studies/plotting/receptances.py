@@ -41,7 +41,6 @@ def draw(
             left.loglog(frequency, np.abs(values), style, color=colour, linewidth=0.9, label=f"|{name}|")
     left.set(xlabel="frequency / Hz", ylabel="receptance / (m/N)", xlim=(low, fmax))
     figures.one_two_five(left.xaxis)
-    left.legend(loc="best")
     mu = np.linspace(0.0, mu_max, FRICTIONS)
     growth = followed_modes(structure, 0.0, mu, fmax, F=load).growth_rate
     right.plot(mu, growth, color=figures.BLACK)
@@ -52,10 +51,10 @@ def draw(
             right.plot(onsets.mu, 0.0 * onsets.mu, "o", color=figures.BLUE, label="flutter onset")
         mark_recoveries(right, onsets.recovery_mu, 0.0 * onsets.recovery_mu)
         mark_divergence([right], onsets.divergence_mu)
-        if right.get_legend_handles_labels()[0]:
-            right.legend(loc="best")
     right.set(xlabel="coefficient of friction μ", ylabel="growth rate / (1/s)")
     where = f"receptances at contact {contact}" if structure.several else "receptances at the contact"
     figures.letter((left, right), (where, "modes of steady sliding"))
+    # In a panel it would hide a curve.
+    figures.legend_below(figure, (left, right), 6)
     figure.suptitle(repr(structure))
     return figures.finish(figure)
