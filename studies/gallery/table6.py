@@ -87,7 +87,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         "RMS mm/s",
         "stick",
         "separation",
-        "fraction of realisations",
+        "share of runs",
     ]
     hertz = dataset["frequency"].values[rows]
     table.insert(1, "unstable Hz", [", ".join(f"{f:.0f}" for f in row[np.isfinite(row)]) or "-" for row in hertz])
