@@ -90,7 +90,7 @@ def unfit() -> str:
 def in_options(text: str) -> str:
     """A message with options in place of the arguments of Python that it names."""
     text = re.sub(r"\b(fresh|strict|retry_failed|fail_fast)=True\b", lambda m: f"--{m[1].replace('_', '-')}", text)
-    text = text.replace("as rig=...", "as --rig NAME")
+    text = text.replace("as rig=...", "as --rig NAME").replace("leave strict out", "leave --strict out")
     text = re.sub(r"\brig='?([\w-]+)'?", r"--rig \1", text)
     text = re.sub(r"\b(out|adopt)=(?:\.{3}|(?=[\w'\"]))", r"--\1 ", text).replace("--out )", "--out)")
     text = text.replace("with studies.run", "with fiv run").replace("another path", "another folder (--out)")
