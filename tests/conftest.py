@@ -27,6 +27,9 @@ def pytest_collection_modifyitems(items):
         return next((k for k, name in enumerate(FIRST) if item.path.as_posix().endswith(name)), len(FIRST))
 
     items.sort(key=place)
+    for item in items if os.name == "nt" else ():
+        if item.get_closest_marker("posix"):
+            item.add_marker(pytest.mark.skip(reason="needs what only POSIX has"))
 
 
 @pytest.fixture

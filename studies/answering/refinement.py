@@ -22,11 +22,11 @@ def report(dataset: xr.Dataset) -> list[str]:
         lines.append(f"{count} points are interpolated; how many of them are {wrong} is not known.")
     elif count:
         share, most, sure = map(_percent, (estimate, upper, CONFIDENCE))
-        text = f"About {share} of these (at most {most}, with {sure} confidence) are {wrong}"
-        lines.append(f"{count} points are interpolated, the others are computed. {text}.")
+        text = f"of which about {share} (at most {most}, with {sure} confidence) are {wrong}"
+        lines.append(f"{count} points are interpolated, {text}; the others are computed.")
     if count := errors["exhausted"]:
         within = ", ".join(f"{dim} {low:.4g} to {high:.4g}" for dim, (low, high) in errors["within"].items())
-        lines.append(f"The map is still too coarse at {count} points ({within}); one level more halves there.")
+        lines.append(f"The map is still too coarse at {count} points ({within}); one level more halves the steps.")
     return lines
 
 

@@ -61,7 +61,8 @@ def fixed_text(study: Study, dataset: xr.Dataset) -> str:
     text = fixed_parts(study, dataset)
     if set(RIG) <= set(settings(dataset)) and claims.is_papers_rig(dataset):
         text.append("the paper's rig")
-    return f"At {', '.join(text)}." if text else f"{study.title}."
+    # A number is a place, a rig is none.
+    return f"{'At' if ' = ' in text[0] else 'For'} {', '.join(text)}." if text else f"{study.title}."
 
 
 def fixed_parts(study: Study, dataset: xr.Dataset, *, figure: bool = False) -> list[str]:

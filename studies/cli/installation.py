@@ -83,12 +83,12 @@ def engine(folder: Path) -> Iterator[Found]:
     whole, half = (Sweep("check", pointwise(moved), grid, MOVED, code=("fivcore",)) for grid in grids)
     threads = whole.plan(folder / "threads.nc").run("threads", 2)
     yield _same("sweep on threads and in sequence", threads, whole.plan().run("sync"))
-    yield _near("points computed", int((threads["status"] == DONE).sum()), len(SPEEDS))
+    yield _counted("points computed", int((threads["status"] == DONE).sum()), len(SPEEDS))
     with xr.open_dataset(folder / "threads.nc") as plain:
         yield _same("its file, read by xarray alone", threads, plain)
     half.plan(folder / "longer.nc").run("sync")
     plan = whole.plan(folder / "longer.nc")
-    yield _near("points that a shorter run stored", plan.cached, len(SPEEDS[::2]))
+    yield _counted("points that a shorter run stored", plan.cached, len(SPEEDS[::2]))
     yield _same("the run that completes it", threads, plan.run())
 
 
@@ -108,7 +108,14 @@ def study(folder: Path) -> Iterator[Found]:
 
 def _near(what: str, ours: Any, theirs: Any, bound: float = ROUNDING) -> Found:
     """Whether values are those expected, relative to the largest."""
-    return _below(what, float(np.max(np.abs(np.subtract(ours, theirs))) / np.max(np.abs(theirs))), bound)
+    what, value, most, passed = _below(
+        what, float(np.max(np.abs(np.subtract(ours, theirs))) / np.max(np.abs(theirs))), bound
+    )
+    return what, f"off by {value}", most, passed
+
+
+def _counted(what: str, ours: int, theirs: int) -> Found:
+    return what, f"{ours}", f"exactly {theirs}", ours == theirs
 
 
 def _below(what: str, value: float, bound: float) -> Found:

@@ -58,7 +58,7 @@ def _open_streams() -> None:
     """Make standard streams take any text; open closed ones, whose numbers and output a file would get."""
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, "r+"))  # noqa: SIM115 - until the end
+            setattr(sys, name, open(os.devnull, "r+", encoding="utf-8"))  # noqa: SIM115 - until the end
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -90,7 +90,7 @@ def unfit() -> str:
 def in_options(text: str) -> str:
     """A message with options in place of the arguments of Python that it names."""
     text = re.sub(r"\b(fresh|strict|retry_failed|fail_fast)=True\b", lambda m: f"--{m[1].replace('_', '-')}", text)
-    text = text.replace("as rig=...", "as --rig NAME")
+    text = text.replace("as rig=...", "as --rig NAME").replace("leave strict out", "leave --strict out")
     text = re.sub(r"\brig='?([\w-]+)'?", r"--rig \1", text)
     text = re.sub(r"\b(out|adopt)=(?:\.{3}|(?=[\w'\"]))", r"--\1 ", text).replace("--out )", "--out)")
     text = text.replace("with studies.run", "with fiv run").replace("another path", "another folder (--out)")

@@ -46,7 +46,7 @@ def list_studies(study: str | None, out: str | None) -> None:
     for name in [study] if study else known:
         entry = known.get(name, {})
         if study or not entry:
-            one, points = _study(name, out)
+            one, points = _study(name, out, entry.get("points"))
             name, description = one.name, f"\n\n{one.describe()}" if study else ""
             stated = dict[str, Any](title=one.title, question=one.question, structure=one.takes_structure)
             entry = {**stated, "points": points, **entry}
@@ -58,8 +58,8 @@ def list_studies(study: str | None, out: str | None) -> None:
     show(columns(rows) + description)
 
 
-def _study(name: str, out: str | None) -> tuple[Study, int]:
-    """A study, or that of a result in the folder, and the number of its points."""
+def _study(name: str, out: str | None, known: int | None) -> tuple[Study, int]:
+    """A study, or that of a result in the folder, and the number of its points, which may cost a computation."""
     from studies import registry, runner
     from studies.answering import results
     from studies.asking.sweep import sweep_of
@@ -67,7 +67,7 @@ def _study(name: str, out: str | None) -> tuple[Study, int]:
 
     file = results.results_file(name, out)
     if name in registry.names() or results.is_script(name) or not Store(file).exists():
-        return (one := registry.resolve(name)), sweep_of(one).grid.size
+        return (one := registry.resolve(name)), known or sweep_of(one).grid.size
     dataset = results.open_dataset(file)
     return runner.study_of(dataset, name), dataset["status"].size
 

@@ -49,6 +49,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         mu, hertz = (float(dataset[f"onset_{name}"][0]) for name in ("mu", "frequency"))
         text = f"{count} onset{'s' * (count > 1)} {where}"
         yield f"Steady sliding flutters from mu = {mu:.4f} on, at {hertz:.0f} Hz; {text}."
+        if (early := dataset["mu"].values[grows & (dataset["mu"].values < mu)]).size:
+            yield f"It is unstable from mu = {early[0]:g} on: modes whose onset is above 10 kHz grow there."
     elif not grows.any():
         yield f"Steady sliding is stable {where}."
     elif np.isnan(diverges):

@@ -21,7 +21,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """Where the motion depends on the direction, and the motion at each value."""
     name, (unit, factor) = following.followed(dataset), labels.unit_of(dataset[following.followed(dataset)])
     ends = [
-        f"{'beyond ' if is_open else ''}{factor * value:.4g} ± {factor * error:.2g}"
+        f"beyond {factor * value:.4g}" if is_open else f"{factor * value:.4g} ± {factor * error:.2g}"
         for value, error, is_open in following.interval(dataset)
     ]
     where = f"{labels.title(name)} from {' to '.join(ends)}{f' {unit}' if unit else ''}"

@@ -12,7 +12,7 @@ from studies.answering.refinement import report
 from studies.answering.results import MAPS, configuration
 from studies.declaring import labels
 from studies.declaring.parameters import RUN, SLIDING, Parameter
-from studies.motion import ensemble, knock, uncertainty
+from studies.motion import ensemble, knock, run, uncertainty
 from studies.physics import quantities
 from studies.plotting import general
 from studies.study import Study
@@ -34,6 +34,9 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         elif (limit := thresholds.get(name)) is not None:
             found += f", above {limit:g} at {100.0 * float((values > limit).mean()):.3g} %"
         yield f"{labels.title(name, dataset[name])}: {found}."
+        if name == "onset_frequency" and (entries := int((dataset[name] == run.BAND).sum())):
+            where = labels.counted(entries, values.size)
+            yield f"At {where} that is where a growing mode comes below {run.BAND:g} Hz; its onset is above."
     yield " ".join([f"{dataset['status'].size} points.", *report(dataset)])
     if y is None:
         yield "Values", labels.frame(dataset, [x, *names, *(f"{n}_se" for n in names if f"{n}_se" in dataset)])

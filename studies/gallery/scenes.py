@@ -32,7 +32,17 @@ BY_CONTACT = {
     name: replace(variable, scale="load") if name.removeprefix("contact_") in run.SCALED else variable
     for name, variable in run.CONTACTS.items()
 }
-COLUMNS = ("V", "theta", "mu", "F", "regime", "stick_fraction", "separation_fraction", "velocity_rms")
+COLUMNS = (
+    "V",
+    "theta",
+    "mu",
+    "F",
+    "regime",
+    "stick_fraction",
+    "separation_fraction",
+    "velocity_rms",
+    "dominant_frequency",
+)
 # Rows of the summary's table.
 MOST_ROWS = 40
 
@@ -64,9 +74,10 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """How many scenes move in which way, and the first of them."""
     numbers = np.bincount(regimes.kinds(dataset).ravel(), minlength=len(regimes.KINDS))
     counts = ", ".join(f"{n} {kind}" for n, kind in zip(numbers, regimes.KINDS, strict=True) if n)
-    yield f"{numbers.sum()} scenes, {regimes.damping_text(dataset)}: {counts}."
+    yield f"{numbers.sum()} scene{'s' * int(numbers.sum() > 1)}, {regimes.damping_text(dataset)}: {counts}."
     points = dataset[[*COLUMNS, "status"]].stack(point=dataset["status"].dims, create_index=False)
     table = labels.frame(points.isel(point=slice(MOST_ROWS)), COLUMNS, along="point")
+    table.columns = [str(head).replace("_fraction", "").replace("velocity_rms", "RMS") for head in table]
     more = f" (the first {MOST_ROWS} of {points.sizes['point']})" if points.sizes["point"] > MOST_ROWS else ""
     yield f"Scenes{more}", table
     if "contact" in dataset.dims:

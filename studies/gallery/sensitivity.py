@@ -67,7 +67,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         return
     names, most = [text_of(name) for name in at["parameter"].values], size.max("pair").fillna(0.0).values
     ranges = zip(names, size.min("pair").values, most, strict=True)
-    matter = ", ".join([f"{name} ({low:.3g} to {high:.3g} %)" for name, low, high in ranges][:MATTER])
+    spans = [(name, " to ".join(dict.fromkeys((f"{low:.3g}", f"{high:.3g}")))) for name, low, high in ranges]
+    matter = ", ".join([f"{name} ({span} %)" for name, span in spans][:MATTER])
     slight = ", ".join(name for name, high in zip(names, most, strict=True) if high < SLIGHT) or "no parameter"
     yield (
         f"The onsets' mu{where} changes most with {matter}, for a change of 1 %; it changes by less than"

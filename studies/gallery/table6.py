@@ -80,7 +80,15 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         "theta mode_growth_rate dominant_frequency velocity_rms stick_fraction separation_fraction regime_share"
     )
     table = labels.frame(dataset.isel(theta=rows), names.split(), along="theta")
-    table.columns = ["θ °", "growth 1/s", "dominant Hz", "RMS mm/s", "stick", "separation", "of realisations"]
+    table.columns = [
+        "θ °",
+        "growth 1/s",
+        "dominant Hz",
+        "RMS mm/s",
+        "stick",
+        "separation",
+        "share of runs",
+    ]
     hertz = dataset["frequency"].values[rows]
     table.insert(1, "unstable Hz", [", ".join(f"{f:.0f}" for f in row[np.isfinite(row)]) or "-" for row in hertz])
     table.insert(7, "regime", kinds[rows])

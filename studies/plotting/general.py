@@ -15,6 +15,7 @@ from studies.answering.summary import quantities
 from studies.declaring import labels
 from studies.declaring.parameters import RIG, SCENE
 from studies.motion import regimes
+from studies.motion.run import BAND
 from studies.physics.quantities import MU_MAX
 from studies.plotting import figures, planes, signals
 from sweeps import DONE, FAILED
@@ -267,7 +268,8 @@ def draw_series(dataset: xr.Dataset, names: Sequence[str]) -> figures.Figure:
         frequency, power = scipy.signal.welch(later, rate, nperseg=2 * len(later) // SEGMENTS)
         signals.spectrum(right, frequency, np.maximum(power, 1e-12 * power.max()))
         right.set_xlim(0.0, min(10.0, 0.5e-3 * rate))
-        signals.periods(zoom, elapsed, values, float(frequency[np.argmax(power)]), color=figures.BLUE)
+        main = np.argmax(np.where(frequency <= BAND, power, 0.0))  # in what the spectrum shows
+        signals.periods(zoom, elapsed, values, float(frequency[main]), color=figures.BLUE)
     signals.name_sides(panels)
     figure.suptitle(f"Recorded series{planes.of_all(chosen, points.sizes['point'], 'points, which move most')}")
     return figure

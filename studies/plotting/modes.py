@@ -83,6 +83,11 @@ def draw_branches(
     top.plot(mu, frequency / unit, marker=marker, **STABLE)
     top.plot(mu, np.where(grows, frequency / unit, np.nan), marker=marker, **UNSTABLE)
     bottom.plot(mu, np.where(grows, growth, np.nan), marker=marker, **UNSTABLE)
+    # A line of one point is invisible.
+    beside = np.pad(grows, ((1, 1), (0, 0)))
+    alone = grows & ~beside[:-2] & ~beside[2:]
+    for axes, values in ((top, frequency / unit), (bottom, growth)) if alone.any() else ():
+        axes.plot(mu, np.where(alone, values, np.nan), ".", **UNSTABLE)
 
 
 def name_growing(axes: Axes, mu: float, hertz: Any, rates: Any) -> None:
@@ -108,7 +113,7 @@ def mark_recoveries(axes: Axes, mu: Any, hertz: Any) -> None:
     """Mark recoveries, on an axis of frequency in the unit of `hertz`."""
     if len(mu):
         look: Any = {"markerfacecolor": "white", "color": figures.BLUE, "zorder": 3}
-        axes.plot(mu, hertz, "o", label="recovery, model", **look)
+        axes.plot(mu, hertz, "o", label="recovery", **look)
 
 
 def mark_divergence(panels: Iterable[Axes], mu: float) -> None:

@@ -80,7 +80,7 @@ def periods(axes: figures.Axes, time: Any, values: Any, hertz: float, **look: An
     begin = int(max(starts, key=lambda k: np.std(values[k : k + count]), default=len(time) // 2))
     part = slice(begin, begin + count)
     axes.plot(1e3 * (time[part] - time[begin]), values[part], linewidth=0.9, **look)
-    axes.set_title(f"{PERIODS} periods from {time[begin]:.4g} s", loc="left")
+    axes.set_title(f"{PERIODS} periods from {time[begin]:.4g}\N{NO-BREAK SPACE}s", loc="left")
 
 
 def mark_lines(axes: figures.Axes, hertz: Iterable[float], style: str, text: str) -> None:

@@ -72,7 +72,7 @@ def _processor() -> str:
     """Kind of the processor, and the widest instructions that NumPy uses: a virtual processor may lack some."""
     lines = list[str]()
     with suppress(OSError):
-        lines = Path("/proc/cpuinfo").read_text().partition("\n\n")[0].splitlines()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").partition("\n\n")[0].splitlines()
     properties = {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
     kind = " ".join(properties[name] for name in PROCESSOR if name in properties) or platform.processor()
     configuration: Any = np.show_config(mode="dicts")

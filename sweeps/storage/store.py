@@ -278,7 +278,7 @@ def read_state(file: Path) -> dict[str, Any]:
     """The progress that a run has written; empty if there is none."""
     try:
         check_regular(file)
-        state = json.loads(file.read_text())
+        state = json.loads(file.read_text(encoding="utf-8"))
         return state if isinstance(state, dict) and {"pid", "host", "started"} <= set(state) else {}
     except (OSError, ValueError):
         return {}

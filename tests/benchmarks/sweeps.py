@@ -94,7 +94,7 @@ def numbers(told):
 
 def peak():
     """Most bytes that this process has held; `getrusage` goes on from those of the one which started it."""
-    told = Path("/proc/self/status").read_text().partition("VmHWM:")[2]
+    told = Path("/proc/self/status").read_text(encoding="utf-8").partition("VmHWM:")[2]
     return 1024.0 * int(told.split()[0])
 
 

@@ -59,7 +59,7 @@ class Table(NamedTuple):
 def machine() -> str:
     """What this is measured on: no name of a host."""
     info = Path("/proc/cpuinfo")
-    text = info.read_text() if info.exists() else ""
+    text = info.read_text(encoding="utf-8") if info.exists() else ""
     (name,) = re.findall(r"^model name\s*: (.*)$", text, re.MULTILINE)[:1] or [platform.machine()]
     wide = " (AVX-512)" if re.search(r"^flags.*\bavx512f\b", text, re.MULTILINE) else ""
     return f"{name.strip()}{wide}, {os.cpu_count()} cores, {platform.system()}"

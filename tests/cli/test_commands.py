@@ -225,7 +225,7 @@ def test_status_without_a_name_is_a_table_of_the_folder(here, own, folder):
     here("run", "own.py", "-q")
     here("run", "fig5", "--set", "mu=0.1,0.2", "-q")
     os.makedirs("results/broken")
-    Path("results/broken/broken.nc").write_text("mine")
+    Path("results/broken/broken.nc").write_text("mine", encoding="utf-8")
     cells = [re.split(r"  +", line) for line in here("status").stdout.splitlines()]
     assert cells[0] == ["name", "kind", "points", "state", "size", "date", "age"]
     assert [row[:4] for row in cells[1:]] == [

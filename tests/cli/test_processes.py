@@ -2,7 +2,6 @@
 
 import json
 import os
-import pty
 import re
 import signal
 import subprocess
@@ -16,6 +15,8 @@ import pytest
 from studies.cli import progress
 from sweeps import Snapshot, Store
 from sweeps.task import Task
+
+pty = pytest.importorskip("pty")  # Windows lacks it, and the signals of all that follows
 
 FIV = str(Path(sys.executable).with_name("fiv"))
 # The command with batches that take their time, and after the first six wait until there is a file `go`; what they

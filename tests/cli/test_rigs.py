@@ -62,8 +62,8 @@ def test_results_of_a_rig_lie_in_its_folder_and_are_those_of_its_numbers(mine, f
 
 
 def test_a_map_and_a_fit_take_a_rig(mine, folder):
-    Path("mine.toml").write_text('[set]\np1_length = "60mm"\n')
-    Path("bench.toml").write_text(FIT)
+    Path("mine.toml").write_text('[set]\np1_length = "60mm"\n', encoding="utf-8")
+    Path("bench.toml").write_text(FIT, encoding="utf-8")
     line = ["map", "--x", "mu=0.1,0.2", "--quantity", "growth_rate", "--rig"]
     assert mine(*line, "mine", "-q").returncode == 0
     assert mine(*line, "mine.toml", "-q").returncode == 0
@@ -91,7 +91,8 @@ def test_a_structure_needs_no_other_file(here):
     io.mmwrite("model/M.mtx", sparse.eye_array(6).tocoo() * 0.01)
     Path("model/disc.toml").write_text(
         'mass = "M.mtx"\nstiffness = "K.mtx"\nnormal = 1\ntangential = 2\nload = { "1" = -1.0 }\n'
-        "d1 = 5.0\nfmax = 4e3\n"
+        "d1 = 5.0\nfmax = 4e3\n",
+        encoding="utf-8",
     )
     own = Structure.read("model/disc.toml")
     assert here("rig", "disc", "model/disc.toml").returncode == 0
@@ -131,7 +132,7 @@ def test_a_structure_needs_no_other_file(here):
     ],
 )
 def test_wrong_input_is_one_line_and_writes_nothing(mine, folder, line, message):
-    Path("pin.toml").write_text(PIN)
+    Path("pin.toml").write_text(PIN, encoding="utf-8")
     before = folder()
     done = mine(*line.split())
     assert (done.returncode, done.stdout) == (2, "")
@@ -154,7 +155,7 @@ def test_a_rig_changes_only_until_it_has_results(mine):
 
 @pytest.mark.parametrize("own", [["--set", "p1_length=60.5mm"], ["--rig", "pin.toml"]])
 def test_other_numbers_than_a_file_has_are_offered_with_a_rig_for_them(here, own):
-    Path("pin.toml").write_text(PIN)
+    Path("pin.toml").write_text(PIN, encoding="utf-8")
     assert here("run", "fig5", *MU).returncode == 0
     done = here("run", "fig5", *own, *MU)
     assert done.returncode == 3

@@ -21,6 +21,7 @@ echo "$@" >> waiting
 """
 
 
+@pytest.mark.posix
 def test_the_array_job_of_the_readme(tmp_path, own, here):
     (tmp_path / "sbatch").write_text(SBATCH)
     (tmp_path / "sbatch").chmod(0o755)

@@ -142,7 +142,7 @@ def reader(clone, fiv, undrawn, monkeypatch):
             return None
         if language == "toml":
             name = re.match(r"# (\S+\.toml)", text)[1]
-            Path(name).write_text(text)
+            Path(name).write_text(text, encoding="utf-8")
             # Of a structure, or of a fit, which the command reads.
             return None if "[[target]]" in text else Structure.read(name)
         if language == "sh":
@@ -152,7 +152,7 @@ def reader(clone, fiv, undrawn, monkeypatch):
                 if command not in ELSEWHERE:
                     printed.append(fiv(cut(command)))
                     for each in file:
-                        Path(each).write_text(printed[-1])
+                        Path(each).write_text(printed[-1], encoding="utf-8")
             return printed
         assert language == "python"
         file = Path("head_mass.py" if "STUDY = Study(" in text else f"block{len(text)}.py")
@@ -208,7 +208,7 @@ def test_the_readme_of_the_studies(reader, clone):
     Path("pin.toml").unlink()  # a block of this README is its text
     for each in blocks:
         reader(*each)
-    assert Path("lines.csv").read_text().startswith("theta,regime\n")
+    assert Path("lines.csv").read_text(encoding="utf-8").startswith("theta,regime\n")
     listed, planned, report, state, rows, drawn, page = reader(*own)
     assert "Does a heavier head calm the rig?" in listed
     assert "V 3 x head_mass 3" in planned

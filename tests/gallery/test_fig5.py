@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import studies
 from fivcore import Structure, flutter_onsets, sliding_modes
 from fivcore.rig import Rig
 from fivcore.structure import modal_structure
@@ -75,6 +76,19 @@ def test_what_grows_is_told_and_drawn(computed, row):
         for point in zip(data[f"{kind}_mu"].values, data[f"{kind}_frequency"].values / 1e3, strict=True)
     }
     assert {(round(a, 9), round(b, 9)) for a, b in dots} == {(round(a, 9), round(b, 9)) for a, b in crossings}
+
+
+def test_a_mode_that_grows_already_where_it_enters_the_band_is_told(computed, tmp_path):
+    """With a P1 of 46.5 mm a pair flutters from mu = 0.2042 at 10.05 kHz on and is in the band from 0.2372 on."""
+    rig, mu = Rig.of(p1_length=0.0465), [0.23, 0.236, 0.239, 0.25]
+    whole = flutter_onsets(rig, 5.0, 12e3)
+    assert (whole.mu[0], whole.frequency[0]) == (pytest.approx(0.2042, abs=1e-4), pytest.approx(10047.0, abs=1.0))
+    assert flutter_onsets(rig, 5.0).mu[0] == pytest.approx(0.2411, abs=1e-4)
+    told = summary.text(STUDY.summary(computed("fig5", mu=mu, p1_length=0.0465))).replace("\n", " ")
+    assert "flutters from mu = 0.2411" in told
+    assert "unstable from mu = 0.239 on: modes whose onset is above 10 kHz" in told
+    edge = studies.map("p1_length=46:47:3mm", quantity="onset_mu,onset_frequency", out=tmp_path)
+    assert "At 1 of 3 points that is where a growing mode comes below 10000 Hz" in edge.fiv.summary()
 
 
 def test_divergence_of_a_structure_is_where_a_real_exponent_begins_to_grow():

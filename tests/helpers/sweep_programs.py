@@ -60,7 +60,7 @@ def finished_points(store):
 def end(process):
     """Kill a program with all that it has started."""
     with suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)
+        os.killpg(process.pid, signal.SIGKILL) if os.name == "posix" else process.kill()
     process.communicate()
 
 

@@ -1,11 +1,13 @@
 """The figure of an assembled sweep: branches over friction, and those that grow."""
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+import xarray as xr
 
 from fivcore import assembled_modes, assembled_onsets
-from studies.plotting import figures
-from studies.plotting.modes import modes_figure
+from studies.plotting import figures, general
+from studies.plotting.modes import draw_branches, modes_figure
 from sweeps import InputError
 
 # Hoffmann, Fischer, Allgaier, Gaul, Mech. Res. Comm. 29 (2002) 197-205: onset at 0.75.
@@ -37,6 +39,30 @@ def test_two_modes_that_coalesce():
     named = top.get_legend_handles_labels()[1]
     assert "flutter onset at μ = 0.7500, 0.2251 Hz" in named
     assert figures.saved(figure, "png", "")[:4] == b"\x89PNG"
+
+
+def test_a_mode_that_grows_at_a_single_point_is_seen():
+    figure, (top, bottom) = plt.subplots(2)
+    growth = np.array([[-1.0, -1.0], [-1.0, 3.0], [2.0, -1.0], [2.0, -1.0], [-1.0, -1.0], [-1.0, 5.0]])
+    mu, frequency = np.linspace(0.0, 0.5, 6), np.tile([100.0, 200.0], (6, 1))
+    draw_branches(top, bottom, mu, frequency, growth)
+    for axes, seen in ((top, [[0.1, 200.0], [0.5, 200.0]]), (bottom, [[0.1, 3.0], [0.5, 5.0]])):
+        dots = [line.get_xydata() for line in axes.lines if line.get_marker() == "."]
+        np.testing.assert_allclose(np.vstack([each[np.isfinite(each).all(axis=1)] for each in dots]), seen)
+    plt.close(figure)
+
+
+def test_the_zoom_of_a_series_has_the_period_of_the_highest_line_that_its_spectrum_shows():
+    time = np.arange(20000) / 50e3
+    values = np.sin(2.0 * np.pi * 1e3 * time) + 3.0 * np.sin(2.0 * np.pi * 14e3 * time)
+    series = xr.Dataset(
+        {"velocity_B": (("V", "elapsed"), values[None], {"units": "m s-1"}), "status": ("V", [1])},
+        {"V": ("V", [2e-3], {"units": "m s-1"}), "elapsed": ("elapsed", time, {"units": "s"})},
+    )
+    with figures.style():
+        _, zoom, right = general.draw_series(series, ["velocity_B"]).axes
+    assert right.get_xlim() == (0.0, 10.0)
+    assert np.ptp(zoom.lines[0].get_xdata()) == pytest.approx(10.0, abs=0.1)  # ms
 
 
 def test_branches_cross_end_and_begin():

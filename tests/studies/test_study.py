@@ -1,9 +1,11 @@
 """The declaration of a study: what its function gets, what a request may be, and what is refused."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import studies
 from fivcore import Beam, Rig, flutter_onsets, sliding_modes
@@ -308,3 +310,14 @@ def test_an_output_that_is_added_leaves_the_others_as_they_are(tmp_path):
     data = computed(lambda x: {"y": x / 3.0, "both": np.stack([x, -x], 1)}, more, coords={"side": sides})
     assert data["y"].values.tobytes() == before["y"].values.tobytes()
     assert data["both"].values.tolist() == [[1.0, -1.0], [2.0, -2.0], [3.0, -3.0]]
+
+
+@pytest.mark.parametrize(
+    ("speed", "duration", "said"),
+    [(1e-2, 16.5, "moves 110 % of"), (1e-3, 14.4, "moves 9.6 % of"), (1e-3, np.nan, ""), (1e-3, 0.1, "")],
+)
+def test_how_far_the_drive_moves_is_a_number_or_nothing(speed, duration, said):
+    data = xr.Dataset({"duration": duration, "p2_length": 0.15, "V": ("V", [speed])})
+    told = runner.RunResult.fixed_contact(SimpleNamespace(dataset=data))
+    assert said in told
+    assert bool(told) == bool(said)

@@ -151,7 +151,7 @@ def test_a_file_records_how_wrong_its_interpolated_points_are(path):
     assert record["within"]["y"] == [-1.0, 1.0]
     assert -0.5 < record["within"]["x"][0] < record["within"]["x"][1] < 0.5
     share, end = report(data)
-    assert share.startswith(f"{record['interpolated']} points are interpolated, the others are computed. About ")
+    assert share.startswith(f"{record['interpolated']} points are interpolated, of which about ")
     assert f" {record['exhausted']} points (x -0." in end
     unknown = json.dumps(record | {"levels": [], "exhausted": 0})
     assert "is not known" in "".join(report(data.assign_attrs(refinement=unknown)))

@@ -54,7 +54,8 @@ def environment(folder: Path) -> dict[str, str]:
     command.chmod(0o755)
     path = os.pathsep.join((str(command.parent), str(Path(sys.executable).parent), os.environ["PATH"]))
     own = {"PATH": path, "PYTHONPATH": str(folder / "fiv"), "NUMBA_CACHE_DIR": str(folder / "kernels")}
-    return {name: value for name, value in os.environ.items() if name != "FIV_RESULTS"} | own
+    given = {name: value for name, value in os.environ.items() if name != "FIV_RESULTS"}
+    return {"DATA": str(HOME.parent / "shared" / "data")} | given | own
 
 
 def typed(command: str, clone: Path, env: dict[str, str]) -> tuple[str, int]:
@@ -78,11 +79,16 @@ def touched(request: dict[str, Any], driver: Any) -> tuple[str, int]:
     return text, int(text.startswith("Error: "))
 
 
+def pictures(clone: Path) -> dict[Path, float]:
+    """When each picture of the clone was written."""
+    return {path: path.stat().st_mtime for path in clone.rglob("*.[psg][nvi][gf]")}
+
+
 def play(requests: list[dict[str, Any]], folder: Path, out: Path) -> Iterator[Played]:
     """Play the requests one after another in a new clone."""
     clone, env, driver = folder / "fiv", environment(folder), None
     subprocess.run(["git", "clone", "-q", str(HOME), str(clone)], check=True)
-    known = {path: path.stat().st_mtime for path in clone.rglob("*.[ps][nv]g")}
+    known = pictures(clone)
     with ExitStack() as stack:
         for number, request in enumerate(requests, 1):
             begin = time.perf_counter()
@@ -95,7 +101,7 @@ def play(requests: list[dict[str, Any]], folder: Path, out: Path) -> Iterator[Pl
                     browser.load_axe(driver)
                 text, code = touched(request, driver)
                 driver.save_screenshot(str(clone / "screen.png"))
-            seconds, now = time.perf_counter() - begin, {p: p.stat().st_mtime for p in clone.rglob("*.[ps][nv]g")}
+            seconds, now = time.perf_counter() - begin, pictures(clone)
             drawn = sorted(path for path in now if now[path] != known.get(path))
             copies = [Path(shutil.copy(path, out / f"{number:02}-{path.name}")).name for path in drawn]
             known = now

@@ -176,6 +176,7 @@ def test_the_second_interrupt_stops_at_once_and_late_batches_are_not_written(pat
     assert 16 > make(points=16, pause=0.4).plan(path).cached >= 4
 
 
+@pytest.mark.posix
 @ctrl_c
 @pytest.mark.parametrize("twice", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_an_interrupt_of_a_terminal_reaches_processes_as_well(path, tmp_path, twice):

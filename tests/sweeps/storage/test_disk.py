@@ -60,6 +60,7 @@ def killed_at(number, run):
 EACH = [pytest.param(old, 1, marks=pytest.mark.slow) for old in (0, 2)]
 
 
+@pytest.mark.posix
 @pytest.mark.parametrize(("old", "every"), [*EACH, (2, 7)])
 def test_killed_before_any_step_on_the_disk_a_run_computes_the_missing_points_only(tmp_path, old, every):
     """In particular between writing the file and removing the parts; of a new file, and of one that grows."""

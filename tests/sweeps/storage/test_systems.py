@@ -1,7 +1,6 @@
 """Other systems than a local disk under Linux, imitated: what they refuse, and what they leave behind."""
 
 import errno
-import fcntl
 import os
 import re
 import shutil
@@ -23,6 +22,8 @@ from sweeps.storage.store import Store
 from tests import HOME
 from tests.helpers.waves import GRID, NAMES, interrupted, sweep
 from tests.helpers.windows import Removing, Windows, closed
+
+fcntl = pytest.importorskip("fcntl")  # Windows itself needs no imitation
 
 GROWN = GRID | {"x": np.arange(1.0, 7.0)}
 
