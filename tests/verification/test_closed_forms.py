@@ -313,15 +313,15 @@ def test_friction_has_no_preferred_direction():
 
 
 def test_energy_balances_as_a_spring_that_couples_both_directions_comes_apart():
-    system, *_ = known.coupled(1.05 * CRITICAL, 3.0, 0.05, V=10.0, N=1.0)
-    cross = 0.3 * np.sqrt(np.linalg.det(system.K))
-    K, worst = system.K + cross * np.eye(2)[::-1], []
+    """Contact begins and ends in stick and in slip, with much left in its dashpot."""
+    system, *_ = known.coupled(1.05 * CRITICAL, 8.0, 0.05, V=10.0, N=1.0)
+    K, worst = system.K - 0.5 * np.sqrt(np.linalg.det(system.K)) * np.eye(2)[::-1], []
     for step in (0.05, 0.0125):
-        run, states, largest = Fast(replace(system, K=K, C=0.05 * K), step), set(), 0.0
+        run, states, largest = Fast(replace(system, K=K, C=K), step), set(), 0.0
         for _ in range(int(10.0 / step / 8)):
             states |= set(run.run(8)[:, STATE_OF])
             largest = max(largest, abs(run.imbalance()))
         worst.append(largest / abs(run.first))
-        assert states == {SEPARATION, SLIP}
-    assert worst[0] < 0.025
-    assert worst[0] > 3.5 * worst[1]
+        assert states == {SEPARATION, STICK, SLIP}
+    assert worst[1] < 0.02
+    assert worst[0] > 4.0 * worst[1]
