@@ -428,7 +428,12 @@ def test_contacts_in_one_place_slip_with_the_friction_of_their_speed():
 def test_where_stick_and_slip_are_both_possible_slip_continues():
     law = {"mu": np.array([0.3]), "kinetic": np.array([0.3]), "falls": True, "law": (0.0, 0.05, 0.0)}
     motion = {"matrix": np.eye(2), "force": np.zeros(2), "was": [SLIP], "status": [SLIP], "slip": [-0.25]}
-    gauss_seidel(SimpleNamespace(**law, unit=1.0, late=1.0), SimpleNamespace(**motion), np.array([1.0, 0.25]), 5)
+    gauss_seidel(
+        SimpleNamespace(**law, unit=1.0, late=1.0, rigid=False),
+        SimpleNamespace(**motion),
+        np.array([1.0, 0.25]),
+        5,
+    )
     (N, T), speed = motion["force"], 0.25 - motion["force"][1]
     assert motion["status"] == [SLIP]
     assert N == 1.0
