@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from fivcore import Friction, Scene, State, Structure, simulate
+from fivcore.contact.law import DiscreteContact
 from fivcore.contact.reduced import default_cutoff, reduced_model
 from fivcore.contact.step_map import step_map
 from fivcore.friction import COULOMB, friction_ratio, slip_speed
+from fivcore.transient.fast.kernel import falling
 from fivcore.transient.fast.steady import eigenvalues
 
 BLOCK = Structure.from_modes([0.0, 0.5 / np.pi], [1.0, 0.0], [0.0, 1.0], load=[-1.0, 0.0])
@@ -195,3 +198,17 @@ def test_fast_converges_to_exact_with_second_order() -> None:
         errors.append(float(np.sqrt(np.mean((fast.tangential_force - exact.tangential_force) ** 2))))
     assert errors[0] < 1e-3
     assert errors[0] / errors[2] > 12.0
+
+
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_forces_of_a_step_in_slip_have_the_friction_of_its_mean_speed(way: float) -> None:
+    """As the equations of a step say it, with normal and tangential motion coupled."""
+    contact = DiscreteContact(np.array([[1.0, 0.2], [0.2, 0.8]]), 0.05, np.array([[0.5, -0.1], [-0.1, 0.4]]), 0.02)
+    slip, law, mu, (p, u, vN, vT) = contact.slip, (0.3, 0.5, 0.0), 0.4, (1.0, 0.1, -0.2, -8.0 * way)
+    scene = SimpleNamespace(slip=np.array(slip), mu=mu)
+    v, N, T, end = falling(scene, law, p, u, vN, vT, way, 0.0)
+    rate = vT - slip.relaxing * u + slip.rate_N * N + slip.rate_T * T
+    assert -way * rate == pytest.approx(v, rel=1e-10)
+    assert pytest.approx(way * mu * friction_ratio(v, *law)[0] * N, rel=1e-10) == T
+    assert N * (slip.beta - T / N * slip.gamma) == pytest.approx(slip.by_p * p + slip.by_v * vN, rel=1e-10)
+    assert end == pytest.approx(slip.decay * u + slip.end_N * N + slip.end_T * T, rel=1e-10)

@@ -10,12 +10,14 @@ from hypothesis import strategies as st
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 
-from fivcore import ContactError, Rig, Scene, painleve_mu, simulate
+from fivcore import ContactError, Rig, Scene, Structure, painleve_mu, simulate
 from fivcore.beams.modes import propagator
 from fivcore.contact import step_map
 from fivcore.contact.law import SMALL, at_impulses, between_impulses
 from fivcore.contact.reduced import (
     CONTACT_DAMPING,
+    CUTOFF_SHARE,
+    LEAST_CUTOFF,
     ReducedModel,
     default_cutoff,
     full_model,
@@ -266,3 +268,30 @@ def test_a_step_at_which_slip_alternates_is_refused():
     limit = float(str(caught.value).split("at most ")[1].split(" s")[0])
     assert step_map.stable(model, mu, 0.99 * limit)
     assert not step_map.stable(model, mu, 1.01 * limit)
+
+
+def test_the_cut_off_of_large_beams_is_where_their_bending_waves_are_four_thicknesses_long():
+    """Rounded up to an odd multiple of an axial mode of P1, at least five, twice of which they are apart."""
+    for size in (1.0, 10.0):
+        grown = ({way: size * getattr(b, way) for way in ("length", "width", "thickness")} for b in (P1, P2))
+        p1, p2 = (replace(beam, **given) for beam, given in zip((P1, P2), grown, strict=True))
+        rig = Rig(p1, p2, size * Rig().contact_position)
+        # Waves of length 4 h: omega = (pi / 2 h)^2 h c / sqrt(12).
+        waves = [
+            np.pi / (8.0 * np.sqrt(12.0)) * np.sqrt(b.young_modulus / b.density) / b.thickness for b in (p1, p2)
+        ]
+        mode = 0.97 * np.sqrt(p1.young_modulus / p1.density) / (4.0 * p1.length)
+        odd, least = default_cutoff(rig) / CUTOFF_SHARE / mode, min(LEAST_CUTOFF, *waves) / mode
+        assert odd % 2.0 == pytest.approx(1.0)
+        assert least <= odd < max(least + 2.0, 5.1)
+        assert (least * mode < LEAST_CUTOFF) == (size > 1.0)
+
+
+@pytest.mark.parametrize("highest", [2.0, 40.0, 3e3])
+def test_the_step_of_rigid_contact_is_a_share_of_the_fastest_modes_time(highest):
+    own = Structure.from_modes(
+        [0.0, 0.3 * highest, highest], [1.0, 0.3, 0.5], [0.0, 1.0, 0.7], load=[-1.0, 0.0, 0.0]
+    )
+    model = full_model(own, 0.0)
+    most = model.rigid_step / (2.0 * np.pi * highest)
+    assert 0.5 * most <= model.default_step <= most * (1.0 + 1e-9)

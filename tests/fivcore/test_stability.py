@@ -22,6 +22,7 @@ from fivcore import (
 from fivcore.beams.modes import secular_root
 from fivcore.rig import P1, P2
 from fivcore.stability import many
+from fivcore.stability.intervals import _dense
 from tests.helpers.examples import examples
 from tests.helpers.rigs import angles, frictions, rigs
 from tests.helpers.scattered import scattered
@@ -155,3 +156,11 @@ def test_a_secular_equation_with_poles_that_all_but_coincide():
     for i, weight in enumerate(w):
         product = np.prod([distances[k][i] for k in range(5)]) / np.prod(np.delete(d, i) - d[i])
         assert 0.5 * product == pytest.approx(weight, rel=1e-12)
+
+
+def test_angles_between_the_given_ones_are_at_most_a_step_apart():
+    given = [0.0, 0.1, 0.5, 1.55]
+    angles = _dense(np.array(given), 0.2)
+    assert set(given) <= set(angles)
+    assert len(angles) == 1 + 1 + 2 + 6
+    assert np.diff(angles).max() < 0.2 + 1e-12

@@ -220,3 +220,24 @@ def test_wrong_input_is_named(wrong, message):
     with pytest.raises(InputError) as caught:
         assembled_modes(**{"mass": np.eye(2), "damping": None, "stiffness": np.eye(2)} | wrong)
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("rate", [1.5e-5, 1e-3])
+def test_a_mode_that_grows_already_when_it_enters_the_band_is_no_onset(rate):
+    """Damping below zero, and a stiffness that friction reduces."""
+    top = 2.0 * np.pi
+    onsets = assembled_onsets([[1.0]], [[-2.0 * rate * top]], [[1.2 * top**2]], [[-0.4 * top**2]], fmax=1.0)
+    assert np.shape(onsets) == (2, 0)
+
+
+def test_an_arnoldi_method_may_restart_many_times():
+    """Modes of a chain next to each other, in closed form, of which a few restarts find none."""
+    size, shift = 300, 1j
+    one, K = (
+        sparse.eye_array(size, format="csr"),
+        sparse.diags_array([2.0, -1.0, -1.0], offsets=[0, 1, -1], shape=(size, size)),
+    )
+    known = 2j * np.sin(0.5 * np.pi * np.arange(1, size + 1) / (size + 1))
+    found = assembled._eigenvalues_near(one, 0.0 * one, K.tocsr(), shift, 0.05, 30)[0]
+    known = known[np.abs(known - shift) < 0.05]
+    np.testing.assert_allclose(np.sort(found.imag), known.imag, rtol=1e-9)

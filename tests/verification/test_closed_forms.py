@@ -9,7 +9,7 @@ import pytest
 from fivcore import Rig, Scene, State, simulate, sliding_modes
 from fivcore.rig import P1, P2
 from fivcore.transient.published import BETA2
-from fivcore.transient.statistics import SLIP, STICK
+from fivcore.transient.statistics import SEPARATION, SLIP, STICK
 from studies.accuracy.ablation import with_dashpot
 from tests import known
 from tests.helpers.sliding import sliding_state
@@ -299,3 +299,29 @@ def test_a_stable_scene_returns_to_steady_sliding(method):
     np.testing.assert_allclose([run.normal_force[late], run.tangential_force[late] / mu], F, rtol=1e-6)
     np.testing.assert_allclose(run.slip_velocity[late], -0.1, rtol=1e-4)
     assert np.all(run.state[late] == SLIP)
+
+
+def test_friction_has_no_preferred_direction():
+    """On a belt that runs the other way N stays, and T changes its sign."""
+    system, *_ = known.coupled(1.2 * CRITICAL, 1e-2, 0.05)
+    normal, tangential = system.u
+    mirrored = replace(system, tangential=-system.tangential, V=-system.V, u=(normal, -tangential))
+    one, other = (Fast(each, 0.05).run(200) for each in (system, mirrored))
+    np.testing.assert_allclose(other[:, N_OF], one[:, N_OF], rtol=1e-9)
+    np.testing.assert_allclose(other[:, T_OF], -one[:, T_OF], rtol=1e-9)
+    assert one[:, T_OF].min() > 0.0
+
+
+def test_energy_balances_as_a_spring_that_couples_both_directions_comes_apart():
+    """Contact begins and ends in stick and in slip, with much left in its dashpot."""
+    system, *_ = known.coupled(1.05 * CRITICAL, 8.0, 0.05, V=10.0, N=1.0)
+    K, worst = system.K - 0.5 * np.sqrt(np.linalg.det(system.K)) * np.eye(2)[::-1], []
+    for step in (0.05, 0.0125):
+        run, states, largest = Fast(replace(system, K=K, C=K), step), set(), 0.0
+        for _ in range(int(10.0 / step / 8)):
+            states |= set(run.run(8)[:, STATE_OF])
+            largest = max(largest, abs(run.imbalance()))
+        worst.append(largest / abs(run.first))
+        assert states == {SEPARATION, STICK, SLIP}
+    assert worst[1] < 0.02
+    assert worst[0] > 4.0 * worst[1]

@@ -6,9 +6,16 @@ import numpy as np
 import pytest
 
 from fivcore import Friction, Rig, Structure, sliding_modes
-from fivcore.contact.compression import lanczos
+from fivcore.contact.compression import compressed, lanczos
 from fivcore.errors import InputError
-from fivcore.stability.exponents import band_modes, exponents
+from fivcore.stability.exponents import (
+    band_modes,
+    damped_inverse,
+    damped_starts,
+    eigenvalues,
+    exponents,
+    undamped_inverse,
+)
 from fivcore.stability.falling import sliding_point
 from fivcore.structure import modal_structure
 from tests.helpers.scattered import rig_of, scattered
@@ -200,3 +207,37 @@ def test_shapes_of_gaps_that_no_mode_couples(law):
         assert np.abs(left).max() < 1e-12 * own.stiffness.max()
         assert abs(own.normal @ q) < 1e-12
         assert np.abs(q).max() == pytest.approx(1.0)
+
+
+def test_undamped_eigenvalues_lead_to_all_exponents():
+    """With damping and friction that falls, by Newton steps, where a general eigenproblem is not needed."""
+    rng, m, k = np.random.default_rng(0), np.array([0.4]), np.array([0.3])
+    for _ in range(5):
+        p, c, (n, t) = np.sort(rng.uniform(0.2, 3.0, 5)), 0.02 + 0.02 * rng.random(5), rng.normal(size=(2, 5))
+        starts = eigenvalues(*undamped_inverse(m, p, n, t, 1.0))
+        (found,), whole = damped_starts(starts, m, k, p, c, n, t)
+        (expected,) = eigenvalues(*damped_inverse(m, k, p, c, n, t))
+        assert whole
+        # Constraints take two exponents to infinity.
+        expected = expected[(expected.imag >= 0.0) & (np.abs(expected) < 1e3)]
+        assert_same_set(found[np.isfinite(found)], expected, 1e-10)
+
+
+def test_far_modes_become_ten_with_the_receptances_of_all_and_ten_stay_as_they_are():
+    p, c = np.geomspace(50.0, 5e4, 40), np.zeros(40)
+    g = np.stack([np.cos(np.arange(40.0)), np.sin(2.0 * np.arange(40.0))])
+    few, _, gaps = compressed(p, c, g, p > 0.0, 5)
+    assert len(few) == 10
+    for x in (-1.0, 0.0, 1.0):
+        expected = (g[:, None] * g / (p - x)).sum(axis=-1)
+        np.testing.assert_allclose((gaps[:, None] * gaps / (few - x)).sum(axis=-1), expected, rtol=1e-12)
+    for mine, given in zip(compressed(p[:10], c[:10], g[:, :10], p[:10] > 0.0, 5), (p, c, g), strict=True):
+        np.testing.assert_array_equal(mine, given[..., :10])
+
+
+def test_a_rig_with_modal_damping_has_few_modes_in_its_band():
+    """361 modes become some 39, of which friction feels 36."""
+    own = modal_structure(Rig(), 5.0)
+    ratio = np.linspace(0.01, 0.02, len(own.stiffness))
+    damped = replace(own, rayleigh=None, damping=2.0 * ratio * np.sqrt(own.stiffness))
+    assert len(band_modes(damped, 10e3, True).p) <= 40

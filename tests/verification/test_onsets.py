@@ -13,7 +13,19 @@ from fivcore.beams.similar import unit_cantilever
 from fivcore.contact.compression import FAR
 from fivcore.rig import P1, P2
 from fivcore.stability import many
-from fivcore.stability.onsets import MOST_INTERVALS, PATH_TOP, isolate, onset_friction, onset_root
+from fivcore.stability.onsets import (
+    MOST_INTERVALS,
+    NONE,
+    ONE,
+    PATH_TOP,
+    classify_interval,
+    divergence_onset,
+    isolate,
+    onset_friction,
+    onset_function,
+    onset_root,
+)
+from fivcore.stability.sampled import STEPS
 from tests import known
 from tests.helpers import reference
 from tests.helpers.rigs import workshop_rig
@@ -237,3 +249,67 @@ def test_rigs_have_the_growing_modes_that_sliding_has(count, fmax):
     assert np.all(found.divergence_mu[real] < mu[real])
     assert 0.1 < unstable.mean() < 0.9
     assert np.any(real)
+
+
+# Parts of the search.
+def test_an_angle_of_rounding_couples_no_further_modes():
+    assert poles(Rig(), 1e-15, np.inf).shape == poles(Rig(), 0.0, np.inf).shape
+
+
+def test_no_interval_with_an_onset_is_left_out():
+    """About the onsets of modes near each other, against samples of the receptances themselves."""
+    rng, grid, judged = np.random.default_rng(0), np.linspace(0.01, 0.99, 1000), []
+
+    def seen(omega, system, d1, d2):
+        """Signs of W, and mu, between samples."""
+        p, a, b = system[:, :, None]
+        gap = p - (omega**2 - 1j * d1 * omega) / (1.0 + 1j * d2 * omega)
+        A, B = np.sum(a / gap, axis=0), np.sum(b / gap, axis=0)
+        positive, mu = (A * B.conj()).imag < 0.0, -(A / B).real[1:]
+        return (positive[1:] != positive[:-1]), (mu > 0.0) & (mu <= 5.0)
+
+    while len(judged) < 1000:
+        n, t = rng.normal(size=(2, rng.integers(2, 5)))
+        system = np.stack([rng.uniform(0.1, 0.8) + rng.uniform(-0.1, 0.1, len(n)), n * n, n * t])
+        damping = 10.0 ** rng.uniform(-4.0, -1.0, 2)
+        for place in np.flatnonzero(np.logical_and(*seen(grid, system, *damping))):
+            width = 10.0 ** rng.uniform(-3.0, -1.0)
+            low = max(grid[place] - width * rng.random(), 1e-3)
+            high = min(low + width, 1.0)
+            nearest = int(np.argmin(np.abs(system[0] - (0.5 * (low + high)) ** 2)))
+            verdict = classify_interval(low, high, np.nan, nearest, *system, *damping, 5.0)[0]
+            flips, wanted = seen(np.linspace(low, high, 400), system, *damping)
+            assert verdict != NONE or not np.any(flips & wanted)
+            assert verdict != ONE or np.sum(flips) == 1
+            judged.append(verdict)
+    assert min(judged.count(NONE), judged.count(ONE)) > 10
+
+
+def test_the_bound_on_the_curvature_is_thrice_the_curvature():
+    """Near a pole that moves no gap, where of two others one moves the normal gap and one couples both.
+
+    With u_i = 1 / (p_i - lambda), W'' is 2 (lambda')^2 (|u_1| + |u_2|) and its bound 6 of these, times the same.
+    """
+    system, low, high = np.array([[0.25, 0.27, 0.05], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]), 0.4999, 0.5001
+    w = [onset_function(omega, 0, *system, 0.0, 0.0) for omega in (low, 0.5, high)]
+    curvature = 4.0 * abs(w[0] - 2.0 * w[1] + w[2])
+
+    def promised(change):
+        """Whether a change of W by so much is enough for one zero."""
+        return classify_interval(low, high, w[2] - change, 0, *system, 0.0, 0.0, 1e9)[0] == ONE
+
+    assert promised(3.5 * curvature)
+    assert not promised(2.9 * curvature)
+
+
+def test_the_least_friction_of_divergence_is_where_its_derivative_is_zero():
+    """Without damping it is a ratio of polynomials in phi^2."""
+    p, a, b = np.array([0.5, 1.0, 2.0]), np.array([1.0, 0.3, 1.0]), np.array([-0.2, -1.0, -0.1])
+    A, B = (np.poly1d(sum(each[i] * np.poly(-np.delete(p, i)) for i in range(3))) for each in (a, b))
+    (x,) = [root.real for root in (A.deriv() * B - A * B.deriv()).roots if root.real > 0.0]
+    assert divergence_onset(p, 0.0 * p, a, b, 10.0) == pytest.approx(-A(x) / B(x), rel=1e-12)
+    assert np.isnan(divergence_onset(p, 0.0 * p, a, b, -0.99 * A(x) / B(x)))
+
+
+def test_samples_are_at_least_twice_as_dense_each_time():
+    assert np.all(np.divide(STEPS[:-1], STEPS[1:]) >= 2.0)

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from fivcore import Friction, Rig, Scene, State, Structure, simulate
 from fivcore.friction import COULOMB
@@ -173,3 +174,14 @@ def test_a_block_from_rest_is_caught_by_its_belt_when_the_closed_form_says(seed)
     assert found.summary["stick_fraction"] * 4.0 / omega == pytest.approx(
         min(max(4.0 / omega - expected, 0.0), tight) if tight else 0.0, rel=1e-2, abs=0.02 / omega
     )
+
+
+def test_where_an_impact_may_end_in_stick_or_in_slip_it_slips_on():
+    """Friction falls so fast that much less of it is left at the speed of slip than would be needed for stick."""
+    law, mu, slide, fall = Friction(0.0, 0.05), 0.3, 0.25, 1e-3
+    start = State(np.array([fall, 0.0]), np.array([-1.0, -slide]), 0, True)
+    scene, given = Scene(1e-9, 0.0, mu, 1e-6, block_of(10.0), law), {"initial": start, "step": fall / 500.0}
+    found = simulate(scene, 2.0 * fall, **given, settle=0.0).final_state
+    after = brentq(lambda v: v - slide + mu * law.ratio(v), 0.5 * slide, slide)
+    assert slide < mu
+    assert found.velocity[1] == pytest.approx(-after, abs=1e-4)

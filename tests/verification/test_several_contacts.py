@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,8 +22,11 @@ from fivcore import (
     simulate,
     sliding_modes,
 )
+from fivcore.contact.several import _least_friction
 from fivcore.stability.several import exponents_at, onsets_of_several, steady_forces
 from fivcore.statics import resting
+from fivcore.transient.fast.several_kernel import gauss_seidel, observe
+from fivcore.transient.statistics import SLIP
 from tests.helpers.blocks import chain, stick_times
 from tests.helpers.moreau_jean import run as moreau_jean
 from tests.helpers.several import drawn, paper_rig, repeated, two_beams
@@ -397,3 +401,46 @@ def test_shares_of_time_are_those_of_a_moreau_jean_scheme_in_short():
     shares, forces = compared(2, 0.6, 0.1, 0.25)
     assert np.abs(shares).max() < 0.08
     assert np.abs(forces).max() < 0.03
+
+
+def test_the_critical_friction_of_contacts_that_do_not_feel_each_other_is_the_least_of_theirs():
+    """N of one contact is positive up to the ratio of direct to cross flexibility."""
+    direct, cross, matrix = np.array([2.0, 3.0]), np.array([0.5, -0.6]), np.eye(4)
+    matrix[range(2), range(2)] = direct
+    matrix[[0, 1, 2, 3], [2, 3, 0, 1]] = [*cross, *cross]
+    for factors in ([1.0, 0.2], [1.0, 3.0], [0.3, 0.3]):
+        expected = np.min(direct / np.abs(cross) / factors)
+        assert _least_friction(matrix, np.array(factors)) == pytest.approx(expected, rel=1e-12)
+
+
+def test_contacts_in_one_place_slip_with_the_friction_of_their_speed():
+    """Forces are solved to rounding, though three contacts share one."""
+    own, law, mu = repeated(paper_rig(), 3), Friction(0.4, 0.3), 0.3
+    given = {"cutoff": 60e3, "ramp": 0.0, "settle": 0.0, "record": True, "sample_rate": None}
+    found = simulate(Scene(1.0, 0.0, mu, 9.0, own, law), 1.2e-4, **given)
+    slips = found.contact_state == SLIP
+    ratio = np.array([law.ratio(v) for v in found.contact_slip_velocity[slips]])
+    expected = mu * ratio * found.contact_normal_force[slips]
+    assert slips.mean() > 0.5
+    np.testing.assert_allclose(np.abs(found.contact_tangential_force[slips]), expected, atol=1e-9)
+
+
+def test_where_stick_and_slip_are_both_possible_slip_continues():
+    law = {"mu": np.array([0.3]), "kinetic": np.array([0.3]), "falls": True, "law": (0.0, 0.05, 0.0)}
+    motion = {"matrix": np.eye(2), "force": np.zeros(2), "was": [SLIP], "status": [SLIP], "slip": [-0.25]}
+    gauss_seidel(
+        SimpleNamespace(**law, unit=1.0, late=1.0, rigid=False),
+        SimpleNamespace(**motion),
+        np.array([1.0, 0.25]),
+        5,
+    )
+    (N, T), speed = motion["force"], 0.25 - motion["force"][1]
+    assert motion["status"] == [SLIP]
+    assert N == 1.0
+    np.testing.assert_allclose(T, 0.3 * Friction(0.0, 0.05).ratio(speed), rtol=1e-9)
+
+
+def test_power_is_lost_at_the_velocity_in_the_middle_of_an_impulse():
+    v, push, output, damping = np.random.default_rng(0).random((4, 5))
+    mean = v + 0.5 * push
+    assert observe(output, damping, v, push) == pytest.approx((output @ mean, damping @ mean**2), rel=1e-12)

@@ -186,3 +186,10 @@ def test_wrong_input_is_named(text):
     function, *arguments = WRONG[text]
     with pytest.raises(ValueError, match=text):
         function(*arguments)
+
+
+def test_a_mode_with_a_node_at_the_contact_keeps_its_frequency_when_tied():
+    own = Structure.from_modes(
+        [1.0, 2.0, 3.0, 4.0], [0.0, 1.0, 0.5, 0.3], [0.0, 0.2, 1.0, 0.7], load=[0.0, -1.0, 0.0, 0.0]
+    )
+    assert glued_frequencies(own, 0.0, 1)[0] == pytest.approx(1.0, rel=1e-13)
