@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from studies.cli.app import command, warned
+from studies.cli.app import Command, command, warned
 from studies.cli.execution import estimated, execute, timed, typed, with_axes
 from studies.cli.measure import DRAWN, SIGNAL, beside
 from studies.cli.options import HOW, MAP, POINTS, STUDY
@@ -202,7 +202,7 @@ def planned_again(file: Path | str, out: str | None, rig: str | None = None) -> 
     return _planned(str(file), {**options, "assignments": (), "scatter": (), "out": out}, True)[:2]
 
 
-class MapCommand(click.Command):
+class MapCommand(Command):
     """The command `map`, whose help ends with names that are slow to import."""
 
     def format_epilog(self, context: click.Context, formatter: click.HelpFormatter) -> None:
