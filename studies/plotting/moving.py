@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -114,7 +114,10 @@ def sliding(own: Structure, modes: SlidingModes) -> Moving:
     where = f"μ = {labels.number(float(modes.mu))}, {modes.frequency[k]:.0f} Hz"
     title = f"Mode at {where}, growth rate {labels.number(modes.growth_rate[k])} 1/s"
     edges = () if own.edges is None else own.edges
-    return oscillating(title, modes.frequency[k], own.nodes, shape[k], [("", pair) for pair in edges])
+    found = oscillating(title, modes.frequency[k], own.nodes, shape[k], [("", pair) for pair in edges])
+    # The static ones have no shape.
+    left_out = f"; of the modes up to {own.frequency[-1]:.0f} Hz alone" if own.static else ""
+    return replace(found, note=found.note + left_out)
 
 
 def contact(dataset: xr.Dataset) -> Iterator[Moving]:
