@@ -165,10 +165,13 @@ def on_cycle(dataset: xr.Dataset, point: xr.Dataset) -> Moving:
     # Each beam moves about its mean; P1 touches P2 where the contact is closed.
     closed = of["state"] != SEPARATION
     moved[:, : tip + 1, 1] -= np.median((moved[:, tip, 1] - moved[:, below, 1])[closed])
+    of["series"]["gap / μm"] = gap = 1e6 * (moved[:, tip, 1] - moved[:, below, 1])
     scale = DRAWN * float(np.ptp(place, axis=0).max()) / float(np.abs(moved).max())
     kind = "stable" if float(point["cycle_multiplier"]) < 1.0 else "unstable"
     title = f"Limit cycle at {labels.named('V', point['V'])}, {hertz:.0f} Hz, {kind}"
     note = f"Displacements from the mean are drawn {labels.number(scale)} times larger"
+    # It follows from the forces that are stored; in contact it is 0 but for the harmonics that these lack.
+    note += f"; the gap is computed from the forces to ±{np.abs(gap[closed]).max():.2g} μm"
     return Moving(title, note, 1.0 / hertz, SHOWN, place, moved, scale, _beams(beam), tip, **of)
 
 

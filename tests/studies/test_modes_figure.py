@@ -56,7 +56,8 @@ def test_branches_cross_end_and_begin():
 def test_curves_of_followed_modes_are_their_columns():
     """Two that would be linked the other way by their eigenvalues, drawn over a parameter that descends."""
     hertz = np.array([[1.0, 2.0], [1.6, 1.5], [2.0, 1.0]])
-    top = modes_figure(FollowedModes(np.array([3.0, 2.0, 1.0]), hertz, 0.0 * hertz - 1.0), parameter="theta").axes[0]
+    modes = FollowedModes(np.array([3.0, 2.0, 1.0]), hertz, 0.0 * hertz - 1.0)
+    top = modes_figure(modes, parameter="theta").axes[0]
     curves = drawn(top, figures.BLACK)
     assert [curve[:, 1].tolist() for curve in curves if len(curve)] == hertz[::-1].T.tolist()
 
