@@ -33,7 +33,7 @@ from fivcore.scenes import equilibrium, loading_time, model_exponents, speed_per
 from fivcore.stability.assembled import AssembledModes, assembled_modes, assembled_onsets
 from fivcore.stability.exponents import sliding_shape
 from fivcore.stability.falling import SlidingOnsets, sliding_onsets
-from fivcore.stability.following import followed_modes
+from fivcore.stability.following import FollowedModes, followed_modes, modes_along
 from fivcore.stability.intervals import OnsetCurve, OnsetCurves, UnstableWindows, onset_curves, unstable_windows
 from fivcore.stability.many import FlutterOnsets, ManyFlutterOnsets, flutter_onsets, flutter_onsets_many
 from fivcore.stability.sensitivity import OnsetSensitivity, onset_sensitivity
@@ -56,6 +56,7 @@ __all__ = [
     "BEAM_PARAMETERS", "DECAYS", "FIXED_CONTACT_LIMIT", "FRICTION_PARAMETERS", "LONG_SHARE", "LONG_STICK",
     "RIG_PARAMETERS", "SEPARATION", "SETTLING", "SLIP", "STEADY_SHARE", "STEADY_SPREAD", "STICK",
     "AssembledModes", "Beam", "ContactError", "CycleBranch", "DampingWarning", "DivergenceError",
+<<<<<<< HEAD
     "FixedContactWarning", "FlutterOnsets", "Friction", "InputError", "LimitCycle", "LyapunovExponent",
     "ManyFlutterOnsets", "NoVibrationError", "Normalised", "OnsetCurve", "OnsetCurves", "OnsetSensitivity",
     "Options", "OutOfBandWarning", "ReducedModel", "Rig", "Scene", "SceneError", "SceneValueError", "SlidingModes",
@@ -68,4 +69,19 @@ __all__ = [
     "onset_sensitivity", "painleve_mu", "propagator", "published", "reduced_model", "simulate",
     "simulate_many", "sliding_modes", "sliding_onsets", "sliding_shape", "slip_distance", "speed_per_load",
     "steady_forces", "structure_files", "tune_head_mass", "unstable_windows", "with_numerical_damping",
+=======
+    "FixedContactWarning", "FlutterOnsets", "FollowedModes", "Friction", "InputError", "LimitCycle",
+    "LyapunovExponent", "ManyFlutterOnsets", "Normalised", "OnsetCurve", "OnsetCurves", "OnsetSensitivity",
+    "Options", "OutOfBandWarning", "ReducedModel", "Rig", "Scene", "SceneError", "SceneValueError",
+    "SlidingModes", "SlidingOnsets", "State", "Structure", "Transient", "UnsolvedError", "UnstableWindows",
+    "Until", "assembled_modes", "assembled_onsets", "checked_run", "checks", "default_cutoff", "equilibrium",
+    "exact", "fixed_contact", "flutter_onsets", "flutter_onsets_many", "follow_cycle", "followed_modes",
+    "full_model", "glued_frequencies", "growing_frequencies", "is_stable_step", "largest_stable_step",
+    "limit_cycle", "loading_time", "located", "lyapunov_exponent", "modal_structure", "model_exponents",
+    "modes_along", "modified", "motion_cutoff", "node_positions", "node_shapes", "observe", "on_foot",
+    "one_contact", "onset_curves", "onset_sensitivity", "painleve_mu", "propagator", "published",
+    "reduced_model", "simulate", "simulate_many", "sliding_modes", "sliding_onsets", "sliding_shape",
+    "slip_distance", "speed_per_load", "steady_forces", "structure_files", "tune_head_mass", "unstable_windows",
+    "with_numerical_damping",
+>>>>>>> move
 ]  # fmt: skip

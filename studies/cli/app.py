@@ -60,7 +60,26 @@ def fiv(context: click.Context) -> None:
         show(context.get_help())
 
 
-def command(name: str, short: str, *options: Any, kind: type[click.Command] | None = None) -> Decorator:
+class Command(click.Command):
+    """A command whose options with an optional value take the next word only if it can be that value."""
+
+    def parse_args(self, context: click.Context, args: list[str]) -> list[str]:
+        """Give each such option its value, then parse as usual."""
+        optional = {
+            name: (option.flag_value, option.type.choices)
+            for option in self.params
+            if isinstance(option, click.Option) and isinstance(option.type, click.Choice) and not option.is_flag
+            for name in option.opts
+            if isinstance(option.flag_value, str)
+        }
+        end = args.index("--") if "--" in args else len(args)
+        for k, (name, after) in enumerate(zip(args[:end], [*args[1:], ""], strict=False)):
+            if name in optional and after not in optional[name][1]:
+                args[k] = f"{name}={optional[name][0]}"
+        return super().parse_args(context, args)
+
+
+def command(name: str, short: str, *options: Any, kind: type[Command] = Command) -> Decorator:
     """A command with its options and those of all commands, and its line in the list of commands."""
 
     def decorate(function: Callable[..., Any]) -> click.Command:

@@ -14,8 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+<<<<<<< HEAD
 from studies.cli.app import command, warned
 from studies.cli.execution import estimated, execute, timed, typed_command, with_axes
+=======
+from studies.cli.app import Command, command, warned
+from studies.cli.execution import estimated, execute, timed, typed, with_axes
+>>>>>>> move
 from studies.cli.measure import DRAWN, SIGNAL, beside
 from studies.cli.options import HOW, MAP, POINTS, STUDY
 from studies.cli.output import columns, say, show
@@ -203,7 +208,7 @@ def planned_again(file: Path | str, out: str | None, rig: str | None = None) -> 
     return _planned(str(file), {**options, "assignments": (), "scatter": (), "out": out}, True)[:2]
 
 
-class MapCommand(click.Command):
+class MapCommand(Command):
     """The command `map`, whose help ends with names that are slow to import."""
 
     def format_epilog(self, context: click.Context, formatter: click.HelpFormatter) -> None:

@@ -1,4 +1,4 @@
-"""Modes over friction, those that grow in colour; `modes_figure` draws what `fivcore.assembled_modes` returns."""
+"""Modes over a parameter, those that grow in colour: of `fivcore.assembled_modes` and `fivcore.modes_along`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from fivcore import AssembledModes
+    from fivcore import AssembledModes, FollowedModes
 
 # Half the longest step of lambda along a branch, by the largest lambda.
 JUMP = 0.1
@@ -30,20 +30,25 @@ STABLE: Any = {"color": figures.BLACK, "label": "stable mode"}
 UNSTABLE: Any = STABLE | {"color": figures.RED, "label": "unstable mode", "linewidth": 2.4, "zorder": 2.5}
 
 
-def modes_figure(modes: AssembledModes, onsets: Any = (), parameter: str = "coefficient of friction μ") -> Figure:
-    """Draw frequencies and growth rates of `modes` over two or more values of mu, which `parameter` names.
+def modes_figure(
+    modes: AssembledModes | FollowedModes, onsets: Any = (), parameter: str = "coefficient of friction μ"
+) -> Figure:
+    """Draw frequencies and growth rates of `modes` over two or more values of what `parameter` names.
 
-    `onsets`, as `fivcore.assembled_onsets` returns them, are marked. Modes whose eigenvalues are nearest at
+    `onsets`, as `fivcore.assembled_onsets` returns them, are marked. Curves are the modes that
+    `fivcore.modes_along` has followed; of `fivcore.assembled_modes` those whose eigenvalues are nearest at
     neighbouring values of mu are linked. The figure's method `savefig` writes it to a file.
     """
-    if modes.mu.ndim != 1 or len(modes.mu) < 2:
-        raise InputError(f"modes.mu of shape {modes.mu.shape}: it must be (n,), with n of at least 2")
-    order = np.argsort(modes.mu)
-    mu, lam = modes.mu[order], (modes.growth_rate + 2j * np.pi * modes.frequency)[order]
+    name = "values" if hasattr(modes, "values") else "mu"
+    given = getattr(modes, name)
+    if given.ndim != 1 or len(given) < 2:
+        raise InputError(f"modes.{name} of shape {given.shape}: it must be (n,), with n of at least 2")
+    order = np.argsort(given)
+    mu, lam = given[order], (modes.growth_rate + 2j * np.pi * modes.frequency)[order]
     most, reach = (float(np.nanmax(each, initial=0.0)) for each in (lam.real, JUMP * abs(lam)))
     # Empty columns let a branch end, and another begin, at the cost of `reach` each.
     lam = np.pad(lam, ((0, 0), (0, lam.shape[1])), constant_values=complex(np.nan, np.nan))
-    for one, other in pairwise(lam):
+    for one, other in pairwise(lam) if name == "mu" else ():
         cost, gone = abs(one[:, None] - other), np.isnan(one)[:, None] & np.isnan(other)
         other[:] = other[linear_sum_assignment(np.where(gone, 0.0, np.nan_to_num(cost, nan=reach)))[1]]
     frequency, growth = lam.imag / (2.0 * np.pi), lam.real

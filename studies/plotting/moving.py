@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -114,7 +114,10 @@ def sliding(own: Structure, modes: SlidingModes) -> Moving:
     where = f"μ = {labels.number(float(modes.mu))}, {modes.frequency[k]:.0f} Hz"
     title = f"Mode at {where}, growth rate {labels.number(modes.growth_rate[k])} 1/s"
     edges = () if own.edges is None else own.edges
-    return oscillating(title, modes.frequency[k], own.nodes, shape[k], [("", pair) for pair in edges])
+    found = oscillating(title, modes.frequency[k], own.nodes, shape[k], [("", pair) for pair in edges])
+    # The static ones have no shape.
+    left_out = f"; of the modes up to {own.frequency[-1]:.0f} Hz alone" if own.static else ""
+    return replace(found, note=found.note + left_out)
 
 
 def contact(dataset: xr.Dataset) -> Iterator[Moving]:
@@ -162,10 +165,13 @@ def on_cycle(dataset: xr.Dataset, point: xr.Dataset) -> Moving:
     # Each beam moves about its mean; P1 touches P2 where the contact is closed.
     closed = of["state"] != SEPARATION
     moved[:, : tip + 1, 1] -= np.median((moved[:, tip, 1] - moved[:, below, 1])[closed])
+    of["series"]["gap / μm"] = gap = 1e6 * (moved[:, tip, 1] - moved[:, below, 1])
     scale = DRAWN * float(np.ptp(place, axis=0).max()) / float(np.abs(moved).max())
     kind = "stable" if float(point["cycle_multiplier"]) < 1.0 else "unstable"
     title = f"Limit cycle at {labels.named('V', point['V'])}, {hertz:.0f} Hz, {kind}"
     note = f"Displacements from the mean are drawn {labels.number(scale)} times larger"
+    # It follows from the forces that are stored; in contact it is 0 but for the harmonics that these lack.
+    note += f"; the gap is computed from the forces to ±{np.abs(gap[closed]).max():.2g} μm"
     return Moving(title, note, 1.0 / hertz, SHOWN, place, moved, scale, _beams(beam), tip, **of)
 
 

@@ -15,6 +15,7 @@ import xarray as xr
 from studies import registry, runner
 from studies.asking.sweep import sweep_of
 from studies.cli import execution, main, output
+from studies.cli.app import fiv
 from studies.cli.options import catalogue
 from studies.gallery import fig5
 from tests import HOME
@@ -271,6 +272,25 @@ def test_what_moves_is_written_and_other_studies_say_which_can(here, monkeypatch
     named = re.findall(r'file="([^"]+)"', series)
     assert len(named) == len({*named}) == 48
     assert all((tmp_path / "results" / "fig6" / name).is_file() for name in named)
+    done = here("plot", "--animate", "fig6", "--out", "first")
+    assert (done.returncode, "compute it with: fiv run fig6" in done.stderr) == (2, True)
     done = here("plot", "fig5", "--animate")
     assert (done.returncode, done.stdout) == (2, "")
     assert "fig5: the study has no animation; fig6, contact have one" in done.stderr
+
+
+def optional_values():
+    """Each option whose value may be left out, with its command."""
+    for name, one in fiv.commands.items():
+        yield from ((name, each) for each in one.params if isinstance(getattr(each, "flag_value", None), str))
+
+
+@pytest.mark.parametrize(("name", "option"), [*optional_values()])
+def test_an_option_whose_value_may_be_left_out_takes_no_argument(name, option):
+    for word in option.type.choices:
+        for before in ([], [word]):
+            words = [option.opts[0], *before, "fig6"]
+            given = fiv.commands[name].make_context(name, words, resilient_parsing=True)
+            assert given.args == []
+            assert given.params[option.name] == (before[0] if before else option.flag_value)
+            assert "fig6" in given.params.values()

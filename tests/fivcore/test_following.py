@@ -1,9 +1,9 @@
-"""Modes keep their numbers along friction: closed forms, the paper's rig, and random structures."""
+"""Modes keep their numbers along friction and other parameters: closed forms, the rig, random structures."""
 
 import numpy as np
 import pytest
 
-from fivcore import Rig, Structure, followed_modes, sliding_modes
+from fivcore import InputError, Rig, Structure, followed_modes, modes_along, sliding_modes
 
 MU = np.linspace(0.0, 0.5, 501)
 
@@ -97,3 +97,105 @@ def test_modes_of_several_contacts_are_followed():
     found = followed_modes(own, 0.0, mu)
     np.testing.assert_array_equal(ordered(found), ordered(sliding_modes(own, 0.0, mu)))
     same_at_common_points(found, followed_modes(own, 0.0, mu[::10]), 10)
+
+
+def pair(frequency, normal, tangential, mu):
+    """Exponents of three modes at a rigid contact without damping: roots of sum n (n + mu t) / (p - z) = 0."""
+    p, a = (2.0 * np.pi * np.asarray(frequency)) ** 2, normal * (normal + mu * tangential)
+    total = sum(a[k] * np.poly(np.delete(p, k)) for k in range(3))
+    return np.sort(
+        np.sqrt(np.roots(total).astype(complex)).imag + 1j * np.sqrt(np.roots(total).astype(complex)).real
+    )
+
+
+N, T, LOAD = np.array([0.5, 0.4, 0.3]), np.array([0.1, -0.2, 0.1]), [-1.0, -1.0, -1.0]
+
+
+def test_along_an_open_frequency_modes_veer_and_the_node_at_the_contact_is_crossed():
+    """Coupled modes are roots of a polynomial; a mode with a node at the contact has its own frequency."""
+    values = np.linspace(300.0, 3000.0, 28)
+
+    def at(hertz):
+        own = Structure.from_modes([hertz, 900.0, 1500.0, 2100.0], [*N, 0.0], [*T, 0.0], load=[*LOAD, 0.0])
+        return own, 0.0, 0.2
+
+    found = modes_along(at, values)
+    exact = np.sort([np.abs(pair([hertz, 900.0, 1500.0], N, T, 0.2)) / (2.0 * np.pi) for hertz in values], axis=1)
+    # Numbers are those at the first value, ascending there; the node's mode has the highest.
+    np.testing.assert_allclose(found.frequency[:, 2], 2100.0, rtol=1e-12)
+    np.testing.assert_allclose(found.frequency[:, :2], exact, rtol=1e-9)
+    back = modes_along(at, values[::-1])
+    np.testing.assert_array_equal(np.sort(back.frequency[::-1], axis=1), np.sort(found.frequency, axis=1))
+
+
+def test_symmetric_pairs_cross_and_the_signs_and_order_of_modes_do_not_matter():
+    """Two equal halves of which one is scaled: each family keeps its modes though all cross."""
+    p, n, t = np.array([400.0, 900.0, 1600.0]), np.array([0.5, 0.3, 0.4]), np.array([0.4, -0.5, 0.2])
+    rng = np.random.default_rng(0)
+
+    def at(scale):
+        # The other half is not loaded and does not touch.
+        frequency = np.append(p, scale * np.array([300.0, 700.0]))
+        normal, tangential = np.append(n, [0.0, 0.0]), np.append(t, [0.0, 0.0])
+        load, output = [-1.0, -1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, 0.3]
+        order, sign = rng.permutation(5), rng.choice([-1.0, 1.0], 5)
+        rows = [np.multiply(each, sign)[order] for each in (normal, tangential, load, output)]
+        return Structure.from_modes(frequency[order], *rows[:2], load=rows[2], output=rows[3]), 0.0, 0.1
+
+    values = np.linspace(1.0, 4.0, 16)
+    found = modes_along(at, values).frequency
+    for hertz in (300.0, 700.0):
+        family = int(np.abs(found[0] - hertz).argmin())
+        np.testing.assert_allclose(found[:, family], hertz * values, rtol=1e-9)
+    still = [k for k in range(found.shape[1]) if np.ptp(found[:, k]) < 1e-6]
+    assert len(still) == 2
+
+
+def test_conjugates_lock_in_and_part_along_the_inclination():
+    """Of a pair that has locked in one mode grows and one decays; where it parts, the decaying one is lower."""
+    found = modes_along(lambda theta: (Rig(), theta, 0.2), np.linspace(0.0, 20.0, 21))
+    assert found.frequency.shape[1] == 10
+    assert np.isfinite(found.frequency).all()
+    locked = found.growth_rate[5] > 1.0
+    for high in np.flatnonzero(locked):
+        low = int(np.argmin(np.where(locked, np.inf, np.abs(found.frequency[5] - found.frequency[5, high]))))
+        assert found.growth_rate[5, low] < 0.0
+        np.testing.assert_allclose(found.frequency[5, low], found.frequency[5, high], rtol=1e-3)
+        assert found.frequency[-1, low] < found.frequency[-1, high]
+    assert locked.sum() == 2
+    coarse = modes_along(lambda theta: (Rig(), theta, 0.2), [0.0, 10.0, 20.0])
+    np.testing.assert_array_equal(coarse.frequency, found.frequency[::10])
+
+
+def test_along_friction_both_ways_of_comparing_agree():
+    mu = np.linspace(0.0, 0.3, 31)
+    for theta in (5.0, 10.0):
+        one, other = followed_modes(Rig(), theta, mu), modes_along(lambda mu, theta=theta: (Rig(), theta, mu), mu)
+        np.testing.assert_array_equal(one.frequency, other.frequency)
+        np.testing.assert_array_equal(one.growth_rate, other.growth_rate)
+
+
+@pytest.mark.parametrize(
+    ("name", "low", "high"), [("p1_length", 0.05, 0.08), ("p2_young_modulus", 1.5e11, 2.5e11)]
+)
+def test_along_a_number_of_the_rig_curves_are_modes(name, low, high):
+    values, fine = np.linspace(low, high, 13), np.linspace(low, high, 97)
+    found, dense = (modes_along(lambda x: (Rig.of(**{name: x}), 5.0, 0.05), x).frequency for x in (values, fine))
+    # Modes veer; in steps an eighth as long none jumps, and both have the same names.
+    np.testing.assert_allclose(dense[::8, : found.shape[1]], found, rtol=1e-9)
+    assert np.nanmax(np.abs(np.diff(dense, 2, axis=0))) < 60.0
+    plain = np.array([sliding_modes(Rig.of(**{name: value}), 5.0, 0.05).frequency.size for value in values])
+    np.testing.assert_array_equal(np.isfinite(found).sum(axis=1), plain)
+
+
+def test_models_that_cannot_be_compared_are_refused():
+    def at(n):
+        return Structure.from_modes(
+            np.arange(1.0, n + 1.0) * 500.0, np.ones(int(n)), np.ones(int(n)), load=-np.ones(int(n))
+        )
+
+    with pytest.raises(InputError, match="5 modes, and 4 at the first value"):
+        modes_along(lambda n: (at(n), 0.0, 0.1), [4.0, 5.0])
+    for values in ([], [1.0, 1.0], [[1.0]], [0.0, 2.0, 1.0]):
+        with pytest.raises(InputError, match="values"):
+            modes_along(lambda theta: (Rig(), theta, 0.1), values)

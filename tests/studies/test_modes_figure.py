@@ -5,9 +5,15 @@ import numpy as np
 import pytest
 import xarray as xr
 
+<<<<<<< HEAD
 from fivcore import assembled_modes, assembled_onsets
 from studies.plotting import figures, general
 from studies.plotting.modes import draw_branches, modes_figure
+=======
+from fivcore import FollowedModes, assembled_modes, assembled_onsets
+from studies.plotting import figures
+from studies.plotting.modes import modes_figure
+>>>>>>> move
 from sweeps import InputError
 
 # Hoffmann, Fischer, Allgaier, Gaul, Mech. Res. Comm. 29 (2002) 197-205: onset at 0.75.
@@ -77,6 +83,15 @@ def test_branches_cross_end_and_begin():
     rates = [np.unique(curve[:, 1].round(9)).tolist() for curve in drawn(bottom, figures.BLACK) if len(curve)]
     assert sorted(rates) == [[-0.2], [-0.15], [-0.1], [-0.05]]
     assert (bottom.get_xlabel(), texts(top)) == ("speed", [])
+
+
+def test_curves_of_followed_modes_are_their_columns():
+    """Two that would be linked the other way by their eigenvalues, drawn over a parameter that descends."""
+    hertz = np.array([[1.0, 2.0], [1.6, 1.5], [2.0, 1.0]])
+    modes = FollowedModes(np.array([3.0, 2.0, 1.0]), hertz, 0.0 * hertz - 1.0)
+    top = modes_figure(modes, parameter="theta").axes[0]
+    curves = drawn(top, figures.BLACK)
+    assert [curve[:, 1].tolist() for curve in curves if len(curve)] == hertz[::-1].T.tolist()
 
 
 @pytest.mark.parametrize("mu", [0.5, [0.5], [[0.5, 0.6]]])

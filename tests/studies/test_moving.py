@@ -71,6 +71,9 @@ def test_beams_under_the_forces_of_a_limit_cycle_slip_and_part_as_it_does():
     assert shown.title == "Limit cycle at V = 5 mm/s, 2618 Hz, unstable"
     drawn = shown.moved[:, TIP, 1] - shown.moved[:, BELOW, 1]
     assert abs(np.median(drawn[shown.state != SEPARATION])) < 0.1 * drawn.max()
+    shut = np.abs(shown.series["gap / μm"][shown.state != SEPARATION]).max()
+    assert shown.note.endswith(f"the gap is computed from the forces to ±{shut:.2g} μm")
+    assert (shown.series["gap / μm"][shown.state == SEPARATION] > -shut).all()
 
 
 def structure(**more):
@@ -84,6 +87,15 @@ def structure(**more):
         node_shapes=shapes,
     )
     return replace(own, **more)
+
+
+def test_a_shape_says_which_modes_it_lacks():
+    stiffness = 1e7 * (2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    rows = {"normal": {5: 1.0}, "tangential": {4: 1.0}, "load": {5: -1.0}, "node_positions": np.eye(2, 3)}
+    for fmax, lacks in ((None, False), (500.0, True)):
+        own = Structure.from_matrices(np.eye(6), stiffness, **rows, fmax=fmax)
+        note = moving.sliding(own, sliding_modes(own, 0.0, 0.1, 400.0)).note
+        assert note == "Not to scale" + f"; of the modes up to {own.frequency[-1]:.0f} Hz alone" * lacks
 
 
 def test_a_structure_moves_in_its_fastest_growing_mode():
