@@ -73,7 +73,7 @@ def fixed_parts(study: Study, dataset: xr.Dataset, *, figure: bool = False) -> l
     named = [name for name, value in values.items() if name in SCENE or value != defaults.get(name, value)]
     text = [labels.named(n, values[n], str(dataset[n].attrs.get("units", "1"))) for n in named if n not in drawn]
     text += [structure["name"]] if (structure := structure_in(dataset)) else []
-    return text + [f"{len(drawn)} uncertain parameters"] * bool(drawn)
+    return text + [f"{len(drawn)} uncertain parameter" + "s" * (len(drawn) > 1)] * bool(drawn)
 
 
 def was_set(study: Study, dataset: xr.Dataset) -> str:
