@@ -14,13 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-<<<<<<< HEAD
-from studies.cli.app import command, warned
-from studies.cli.execution import estimated, execute, timed, typed_command, with_axes
-=======
 from studies.cli.app import Command, command, warned
-from studies.cli.execution import estimated, execute, timed, typed, with_axes
->>>>>>> move
+from studies.cli.execution import estimated, execute, timed, typed_command, with_axes
 from studies.cli.measure import DRAWN, SIGNAL, beside
 from studies.cli.options import HOW, MAP, POINTS, STUDY
 from studies.cli.output import columns, say, show

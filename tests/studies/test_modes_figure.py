@@ -5,15 +5,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-<<<<<<< HEAD
-from fivcore import assembled_modes, assembled_onsets
+from fivcore import FollowedModes, assembled_modes, assembled_onsets
 from studies.plotting import figures, general
 from studies.plotting.modes import draw_branches, modes_figure
-=======
-from fivcore import FollowedModes, assembled_modes, assembled_onsets
-from studies.plotting import figures
-from studies.plotting.modes import modes_figure
->>>>>>> move
 from sweeps import InputError
 
 # Hoffmann, Fischer, Allgaier, Gaul, Mech. Res. Comm. 29 (2002) 197-205: onset at 0.75.
