@@ -1,10 +1,14 @@
 """Predefined studies of the paper, from Python: `studies.run("fig5")`, `studies.map(...)`, `studies.open("fig5")`.
 
+A rig with a name, `studies.rig("mine", p1_length="60mm")`, has results of its own: `studies.run(..., rig="mine")`.
+
 Their datasets have the accessor `.fiv` (`studies.query.accessor`). The command line starts from here, so nothing
 heavy is imported before it is used.
 """
 
 from __future__ import annotations
+
+from warnings import warn
 
 # Not typing's, which is slow to import: the command line answers to Ctrl-C only once it has begun.
 TYPE_CHECKING = False
@@ -17,11 +21,12 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from fivcore import Structure
+    from studies.asking.rigs import AnyRig, NamedRig
     from studies.study import Study
     from sweeps import Plan, Progress
 
-__all__ = ["fit", "map", "measure", "open", "run"]  # two shadow built-ins, in this module only
+# Two shadow built-ins, in this module only.
+__all__ = ["compare", "fit", "map", "measure", "open", "rig", "run"]
 
 
 def run(
@@ -38,7 +43,7 @@ def run(
     samples: int | None = None,
     seed: int | None = None,
     points: str | Path | Mapping[str, Any] | pd.DataFrame | None = None,
-    rig: Structure | str | Path | None = None,
+    rig: AnyRig | None = None,
     **parameters: Any,
 ) -> xr.Dataset:
     """Run a study, store its netCDF file and figure in the results folder, and return its dataset.
@@ -62,10 +67,10 @@ def run(
         Number of draws, and their seed; by default 1024 and 0.
     points : path, mapping or pandas.DataFrame
         Rows to compute instead of a grid: a CSV file, or columns by name.
-    rig : str, Structure or path
-        The name of a rig (`fiv rig`), in whose folder the results then lie; or in place of the paper's rig a
-        `fivcore.Structure`, its TOML file, a result of it, or a TOML file with a table [set]. A path has a suffix
-        or a slash.
+    rig : str, NamedRig, fivcore.Rig, Structure or path
+        The name of a rig (`studies.rig`) or itself, in whose folder the results then lie; or in place of the
+        paper's rig a `fivcore.Rig`, a `fivcore.Structure`, its TOML file, a result of it, or a TOML file with a
+        table [set]. A path has a suffix or a slash. A parameter over which the study has a range keeps that.
     **parameters
         A number in SI, a word, a list, a frozen distribution of `scipy.stats`, or text as on the command line:
         ``V="1,2mm/s"``, ``mu="0:0.5:101"``, ``p1_length="normal:50:0.1mm"``.
@@ -112,7 +117,7 @@ def fit(
     *,
     samples: int | None = None,
     rounds: int | None = None,
-    rig: str | Path | None = None,
+    rig: AnyRig | None = None,
     out: str | Path | None = None,
     fresh: bool = False,
     scheduler: Any = None,
@@ -186,13 +191,64 @@ def measure(
     return measured.statistics(measured.read(path, unit, rate, channel), band)
 
 
-def open(name: str | Path, out: str | Path | None = None, *, rig: str | None = None) -> xr.Dataset:
+def rig(
+    name: str, source: AnyRig | None = None, *, out: str | Path | None = None, **numbers: float | str
+) -> NamedRig:
+    """Name a rig, so that its results lie in a folder of their own; or get one by its name.
+
+    Parameters
+    ----------
+    name : str
+        Letters, digits, _ and -.
+    source : str, path, NamedRig, fivcore.Rig or Structure, optional
+        Where its numbers or its structure come from: another rig, a TOML file with a table [set], a structure or
+        its file. Without source and numbers the rig must exist.
+    out : path
+        The results folder, by default FIV_RESULTS or `results`; the rig is kept there as NAME/rig.toml.
+    **numbers
+        In SI or as text: ``p1_length="60mm"``; also where it usually runs: ``mu=0.4``, ``F="20N"``, ``V="1mm/s"``.
+
+    Returns
+    -------
+    NamedRig
+        With `.name`, `.folder`, `.numbers` of its own, `.results` by name and `.title`; the other functions take
+        it as they take its name.
+
+    A wrong name or number is a `ValueError`, and so is another number for a rig that has results.
+    """
+    from studies import registry
+    from studies.asking import rigs
+
+    if source is None and not numbers:
+        return rigs.named(name, out)
+    return rigs.define(name, source, numbers, out, taken=registry.names())[0]
+
+
+def compare(
+    a: str | NamedRig, b: str | NamedRig, *, out: str | Path | None = None, progress: bool | Progress | None = None
+) -> xr.Dataset:
+    """Steady sliding of two rigs beside each other, along `rig`, and their figure in results/compare.
+
+    A rig is given by its name or itself; ``"paper"`` is the paper's. The study `fig5` of each is computed if its
+    folder lacks it. A structure has no number of the beams, where it has NaN; numbers of modes and onsets are
+    padded with NaN as well.
+    """
+    from studies.query import accessor  # noqa: F401 - with the accessor .fiv
+    from studies.query import compare as comparing
+
+    def execute(study: Study, planned: Plan) -> xr.Dataset:
+        return _executed(study, planned, None, None, progress)
+
+    own, pair, _ = comparing.compared(a, b, out, execute, lambda line: warn(line, stacklevel=4))
+    comparing.drawn(own, pair, out)
+    return comparing.joined(pair)
+
+
+def open(name: str | Path, out: str | Path | None = None, *, rig: str | NamedRig | None = None) -> xr.Dataset:
     """Open a result by its name in the results folder, else with a warning in the reference, or by its path.
 
-    `rig` is the name of the rig whose result it is (`fiv rig`).
+    `rig` is the name of the rig whose result it is, or itself.
     """
-    from warnings import warn
-
     from studies.answering import results
     from studies.asking import rigs
     from studies.query import accessor  # noqa: F401 - with the accessor .fiv

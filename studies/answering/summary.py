@@ -69,7 +69,7 @@ def fixed_parts(study: Study, dataset: xr.Dataset, *, figure: bool = False) -> l
     """Fixed numbers: those of the scene, others where they differ from their default; a figure counts draws."""
     values = {name: value for name, value in settings(dataset).items() if name in dataset.coords}
     defaults = {name: parameter.default for name, parameter in study.parameters.items()}
-    drawn = configuration(dataset)["constants"].get("distributions", {}) if figure else {}
+    drawn = configuration(dataset).get("constants", {}).get("distributions", {}) if figure else {}
     named = [name for name, value in values.items() if name in SCENE or value != defaults.get(name, value)]
     text = [labels.named(n, values[n], str(dataset[n].attrs.get("units", "1"))) for n in named if n not in drawn]
     text += [structure["name"]] if (structure := structure_in(dataset)) else []

@@ -227,7 +227,8 @@ def read(file: str | Path, option: str = "--config") -> Request:
         return Request(structure=structure_of(file))
     with toml(file, f"{option} {file}") as content:
         if not content.keys().isdisjoint((*STRUCTURE, KEPT)):
-            return Request(structure=structure_of(file))
+            values = content.get("set", {}) if KEPT in content else {}
+            return Request(values=values, structure=structure_of(file))
         check_keys(content, KEYS, f"; of a structure {' or '.join(STRUCTURE)}")
         for key, value in content.items():
             kinds, allowed = KEYS[key]

@@ -6,18 +6,20 @@ import json
 import os
 import re
 import shlex
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from fivcore import Rig, Structure, checks
+from fivcore import Rig, Structure
 from studies.answering import results
 from studies.asking.request import Request, is_distribution, read, rows
 from studies.declaring import spec
-from studies.declaring.parameters import KNOWN, RIG, SCENE, suggest, unusual, warn_unusual
+from studies.declaring.parameters import RIG, SCENE, rig_numbers, suggest, unusual, warn_unusual
+from studies.motion.scenes import scene_of
 from studies.study import Study
 from sweeps import InputError, MissingFileError, StoreError
 
@@ -25,17 +27,24 @@ from sweeps import InputError, MissingFileError, StoreError
 PAPER = "paper"
 # Folders that the results have besides.
 TAKEN = (results.REFERENCE, results.MAPS, results.FITS, "rig", "structure", "compare")
-NUMBERS = {"theta": SCENE["theta"], **RIG}
+# Where a rig usually runs; a structure has no other numbers. Falling friction is of a run: many studies ignore it.
+OPERATION = ("V", "mu", "F")
+NUMBERS = SCENE | RIG
 HEAD = {
     "set": "Numbers of this rig; the others are the paper's.",
     "structure": "A structure as it was read: modes, contact, damping. No other file is needed.",
 }
 LONGEST = 60
+# What is taken for a rig: one by its name or itself, one of beams, a structure, a file of either, a result of one.
+AnyRig: TypeAlias = "NamedRig | Rig | Structure | str | Path"
 
 
 @dataclass(frozen=True)
 class NamedRig:
-    """A rig with a name: `values` as they were typed, or `structure` as of `Structure.to_dict`; its `folder`."""
+    """A rig with a name, or "" without one, and the `folder` of its results.
+
+    `values` are as they were typed; beside a `structure`, a `Structure.to_dict`, those of `OPERATION` only.
+    """
 
     name: str
     folder: Path
@@ -55,10 +64,10 @@ class NamedRig:
     @property
     def title(self) -> str:
         """Its numbers, or its structure, in a line."""
+        texts = [f"{name} = {value}" for name, value in self.values.items()]
         if self.structure is not None:
-            return repr(Structure.from_dict(self.structure))
-        numbers = ", ".join(f"{name} = {value}" for name, value in self.values.items())
-        return numbers or "the paper's numbers"
+            texts.insert(0, repr(Structure.from_dict(self.structure)))
+        return ", ".join(texts) or "the paper's numbers"
 
     def same(self, other: NamedRig) -> bool:
         """Whether another has the same numbers."""
@@ -89,22 +98,33 @@ def named(name: str, out: str | Path | None = None) -> NamedRig:
         near = near or suggest(name, [*names(out), PAPER])
         make = shlex.join(["fiv", "rig", name, "--set", "p1_length=60mm", *_out(out)])
         raise MissingFileError(f"rig {name!r}: there is none in {folder.parent}; {near}make it with: {make}")
-    rig = replace(of_file(folder / results.RIG_FILE), name=name, folder=folder)
-    try:
-        _check(rig, ())  # it may have been edited
-    except InputError as problem:
-        raise InputError(f"{folder / results.RIG_FILE}: {problem}") from None
-    return rig
+    return replace(unnamed(folder / results.RIG_FILE), name=name, folder=folder)
 
 
-def found(rig: str | Path | None, out: str | Path | None) -> tuple[NamedRig | None, str | Path | None]:
-    """A rig by its name or from a file, or None, and the folder of its results."""
+def found(rig: AnyRig | None, out: str | Path | None) -> tuple[NamedRig | None, str | Path | None]:
+    """What is taken for a rig, or None, and the folder of its results, which one without a name has not."""
     if rig is None:
         return None, out
-    if not is_name(rig):
-        return of_file(rig), out
-    own = named(str(rig), out)
-    return own, own.folder
+    own = named(rig, out) if isinstance(rig, str) and is_name(rig) else unnamed(rig)
+    return own, own.folder if own.name else out
+
+
+def unnamed(rig: AnyRig) -> NamedRig:
+    """A rig as it is, of beams or of a structure, or from a file with numbers or a structure."""
+    if isinstance(rig, NamedRig):
+        return rig
+    if isinstance(rig, Structure):
+        return NamedRig("", Path(), structure=rig.to_dict())
+    if isinstance(rig, Rig):
+        numbers, papers = rig_numbers(rig), rig_numbers(Rig())
+        return NamedRig("", Path(), {name: value for name, value in numbers.items() if value != papers[name]})
+    request = read(rig, "rig")
+    if wrong := _of_runs(request):
+        raise InputError(f"rig {rig}: {wrong[0]} is of a run (--config); a rig has [set] or a structure")
+    own = NamedRig("", Path(rig).parent, request.values, request.structure)
+    with _of(rig):
+        _check(own, ())
+    return own
 
 
 def title(name: str, out: str | Path | None = None) -> str:
@@ -115,20 +135,25 @@ def title(name: str, out: str | Path | None = None) -> str:
         return str(problem)
 
 
-def place(rig: str | None, out: str | Path | None = None) -> str | Path | None:
-    """The folder in which the results of a named rig lie; without one the results folder as it is given."""
-    if rig is None:
-        return out
+def kept(rig: str | NamedRig, out: str | Path | None = None) -> NamedRig:
+    """A rig with a name, by it or itself; an `InputError` says how to give one to a file."""
+    if isinstance(rig, NamedRig):
+        return rig
     if not is_name(rig):
         name = re.sub(r"[^\w-]", "_", Path(rig).stem) or "mine"
         keep = shlex.join(["fiv", "rig", name, rig, *_out(out)])
         raise InputError(f"rig {rig!r}: results are kept by the name of a rig; give it one with: {keep}")
-    return named(rig, out).folder
+    return named(rig, out)
+
+
+def place(rig: str | NamedRig | None, out: str | Path | None = None) -> str | Path | None:
+    """The folder in which the results of a named rig lie; without one the results folder as it is given."""
+    return out if rig is None else kept(rig, out).folder
 
 
 def define(
     name: str,
-    source: str | Path | None = None,
+    source: AnyRig | None = None,
     values: Mapping[str, Any] | None = None,
     out: str | Path | None = None,
     *,
@@ -138,9 +163,9 @@ def define(
 
     Parameters
     ----------
-    source : str or path, optional
-        Where its numbers or its structure come from: another rig's name, a TOML file with a table [set], the file
-        of a structure, or a result of one; by default the rig that has the name already.
+    source : str, path, NamedRig, fivcore.Rig or Structure, optional
+        Where its numbers or its structure come from: another rig or its name, a TOML file with a table [set], the
+        file of a structure, or a result of one; by default the rig that has the name already.
     values : mapping, optional
         Further numbers, as text or in SI.
     taken : collection of str
@@ -166,14 +191,16 @@ def define(
     before = named(name, out) if (folder / results.RIG_FILE).is_file() else None
     if before is None and results.stored(folder.parent) and any(folder.glob("*.nc*")):
         raise InputError(f"rig {name!r}: {folder} has the results of a study; choose another name")
-    start = _source(source, out) if source is not None else before or NamedRig(name, folder)
-    rig = NamedRig(name, folder, {**start.values, **(values or {})}, start.structure)
+    given = found(source, out)[0] or before or NamedRig(name, folder)
+    plain = {key: each.item() if isinstance(each, np.generic) else each for key, each in (values or {}).items()}
+    rig = NamedRig(name, folder, {**given.values, **plain}, given.structure)
     _check(rig, {*(values or {})} if source is None else {*rig.values})
     if before is not None:
         if rig.same(before):
             return before, False
         if before.results:
-            again = ["fiv", "rig", free(f"{name}-2", out), *([str(source)] if source else [name])]
+            start = str(source) if isinstance(source, (str, Path)) else name
+            again = ["fiv", "rig", free(f"{name}-2", out), start]
             again += [word for key, value in (values or {}).items() for word in ("--set", f"{key}={value}")]
             kept = ", ".join(before.results)
             raise InputError(
@@ -196,17 +223,17 @@ def free(name: str, out: str | Path | None = None) -> str:
 def applied(rig: NamedRig, request: Request, study: Study) -> Request:
     """The request of a study with a named rig: its numbers, or its structure.
 
-    A parameter over which the study has a range keeps it, and theta may be requested otherwise. Another number of
-    the rig is an `InputError`: it would be another rig.
+    A parameter over which the study has a range keeps it, and theta, V, mu, F and the law of friction may be
+    requested otherwise. Another number of the beams of a named rig is an `InputError`: it would be another rig.
     """
     if request.structure is not None:
         raise InputError(f"rig {rig.name!r}: the request has a structure already; leave one out")
-    request = replace(request, rig=rig.name, base=rig.numbers, structure=rig.structure)
-    if rig.structure is not None:
-        return request
-    if not RIG.keys() & study.parameters.keys():
-        raise InputError(f"rig {rig.name!r}: study {study.name} does not depend on the rig; leave it out")
-    for name, value in request.values.items():
+    base = rig.numbers if rig.name else None
+    request = replace(request, rig=rig.name, base=base, structure=rig.structure)
+    if rig.structure is None and not RIG.keys() & study.parameters.keys():
+        whose = f"rig {rig.name!r}" if rig.name else "rig"
+        raise InputError(f"{whose}: study {study.name} does not depend on the rig; leave it out")
+    for name, value in request.values.items() if rig.name else ():
         if name in RIG and name in study.parameters and _is_single(value):
             own, other = rig.values.get(name, RIG[name].default), _number(name, value)
             if other != _number(name, own):
@@ -229,23 +256,11 @@ def applied(rig: NamedRig, request: Request, study: Study) -> Request:
 
 
 def requested(
-    rig: Structure | str | Path | None, request: Request, study: Study, out: str | Path | None
+    rig: AnyRig | None, request: Request, study: Study, out: str | Path | None
 ) -> tuple[Request, str | Path | None]:
-    """The request of a study with a rig, and the folder of its results.
-
-    The rig is one by its name, a structure, its file, a result of it, or a file with a request.
-    """
-    if rig is None:
-        return request, out
-    if is_name(rig):
-        own = named(str(rig), out)
-        return applied(own, request, study), own.folder
-    if isinstance(rig, Structure):
-        return replace(request, structure=rig.to_dict()), out
-    given = read(rig, "rig")
-    if wrong := _of_runs(given):
-        raise InputError(f"rig {rig}: {wrong[0]} belongs to a run; give numbers in [set], or a structure")
-    return replace(request.over(given), values=_free(given.values, request) | {**request.values}), out
+    """The request of a study with a rig, and the folder of its results."""
+    own, place = found(rig, out)
+    return request if own is None else applied(own, request, study), place
 
 
 def _of_runs(request: Request) -> list[str]:
@@ -254,13 +269,18 @@ def _of_runs(request: Request) -> list[str]:
     return [key for key, value in vars(request).items() if key not in known and value not in ("", (), None, 0)]
 
 
-def _free(values: Mapping[str, Any], request: Request) -> dict[str, Any]:
-    return {name: value for name, value in values.items() if name not in request.sides}
-
-
 def _check_name(name: str) -> None:
     if not is_name(name) or not re.fullmatch(r"\w[\w-]*", name):
         raise InputError(f"rig {name!r}: a name has letters, digits, _ and -, and no suffix or slash")
+
+
+@contextmanager
+def _of(file: Any) -> Iterator[None]:
+    """Begin the line of what is wrong with the file of a rig with its name."""
+    try:
+        yield
+    except InputError as problem:
+        raise InputError(f"rig {file}: {problem}") from None
 
 
 def _out(out: str | Path | None) -> list[str]:
@@ -291,48 +311,29 @@ def _number(name: str, value: Any) -> Any:
 def _check(rig: NamedRig, new: Collection[str]) -> None:
     """Check the numbers of a rig, and warn of unusual ones among those that are `new`."""
     for name, value in rig.values.items():
-        if name not in NUMBERS and name in KNOWN:
-            run = f"fiv run STUDY --rig {rig.name} --set {name}={value}"
-            raise InputError(f"{name} = {value}: it belongs to a run and not to a rig; give it there: {run}")
         if name not in NUMBERS:
-            known = suggest(name, NUMBERS)
-            raise InputError(f"{name}: a rig has no such number; {known}it has {', '.join(NUMBERS)}")
-        if rig.structure is not None:
+            near = suggest(name, NUMBERS) or "what else a study takes is of a run (--set); "
+            raise InputError(f"{name}: a rig has no such number; {near}it has {', '.join(NUMBERS)}")
+        if rig.structure is not None and name not in OPERATION:
             raise InputError(f"{name} = {value}: a structure has no such number; leave it out, or change its file")
-    numbers = rig.numbers
+    whole = {name: parameter.default for name, parameter in NUMBERS.items()} | rig.numbers
+    own = {} if rig.structure is None else {"theta": 0.0, "structure": rig.structure}
     try:
-        if "theta" in numbers:
-            checks.theta_degrees(numbers["theta"])
-        Rig.of(**{name: value for name, value in numbers.items() if name != "theta"})
+        scene_of(whole | own)
     except InputError:
         raise
     except ValueError as problem:
         raise InputError(str(problem)) from None
-    whole = {name: parameter.default for name, parameter in RIG.items()} | numbers
     bears = Request(values=rig.values).has_unit
     lines = [line.partition("; ")[0] if bears(line.partition(" ")[0]) else line for line in unusual(whole, new)]
     warn_unusual(lines, strict=False)
 
 
-def _source(source: str | Path, out: str | Path | None) -> NamedRig:
-    """The numbers or the structure of another rig or of a file."""
-    if is_name(source):
-        return named(str(source), out)
-    return of_file(source)
-
-
-def of_file(file: str | Path) -> NamedRig:
-    """A rig, as yet without a name, from a file with numbers or a structure."""
-    request = read(file, "rig")
-    if wrong := _of_runs(request):
-        raise InputError(f"{file}: {wrong[0]} belongs to a run; a rig has [set] or a structure")
-    return NamedRig("", Path(file).parent, request.values, request.structure)
-
-
 def _write(rig: NamedRig) -> None:
     """Write the file of a rig; a `StoreError` if that is impossible."""
-    kind = "set" if rig.structure is None else "structure"
-    text = f"# {HEAD[kind]}\n{_table(kind, rig.values if rig.structure is None else rig.structure)}"
+    tables = {"set": rig.values} if rig.values or rig.structure is None else {}
+    tables |= {} if rig.structure is None else {"structure": rig.structure}
+    text = "\n".join(f"# {HEAD[kind]}\n{_table(kind, content)}" for kind, content in tables.items())
     file = rig.folder / results.RIG_FILE
     temporary = file.with_name(f".{results.RIG_FILE}.{os.getpid()}.tmp")
     try:

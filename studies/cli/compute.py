@@ -144,37 +144,39 @@ def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study,
     config, rig, record, out = (options.pop(name) for name in ("config", "rig", "record", "out"))
     how = {name: options.pop(name) for name in ("fresh", "adopt", "retry_failed", "strict")}
     names = () if record is None else tuple(name.strip() for name in record.split(","))
-    command = typed_command(*SHOWING) if writing else ""
-    wanted = request.Request(values=values, record=names, command=command, **options)
-    own = rigs.named(rig, out) if rig is not None and rigs.is_name(rig) else None
-    out = out if own is None else own.folder
-    for option, path in (("--rig", None if own else rig), ("--config", config)):
-        if path is not None:
-            wanted = wanted.over(request.read(path, option))
-    name, file = study, None
+    wanted = request.Request(
+        values=values, record=names, command=typed_command(*SHOWING) if writing else "", **options
+    )
+    own, out = rigs.found(rig, out)
+    if config is not None:
+        wanted = wanted.over(request.read(config, "--config"))
+    name, file, source = study, None, None
     if study not in registry.names() and Store(stored := results.results_file(study, out)).exists():
         study = str(stored)
     if results.is_path(study):
-        if own is not None and not results.results_file(study).resolve().is_relative_to(own.folder.resolve()):
+        inside = own is None or results.results_file(study).resolve().is_relative_to(own.folder.resolve())
+        if own is not None and own.name and not inside:
             advice = f"give the name of a study, such as fiv run {registry.names_for('first')[0]} --rig {own.name}"
             raise InputError(f"{study}: it has its own rig; leave out --rig, or {advice}")
         with results.damage_as_error(results.results_file(study)):
             source = request.of_result(results.open_dataset(study), study)
-        if wanted.structure and not source.structure:
-            advice = f"give a STUDY with --rig, such as fiv run {source.study} --rig {rig or config}"
-            raise InputError(f"{study}: it is a result of the paper's beams; {advice}")
-        wanted, name = wanted.over(source), source.study
+        name = source.study
         if Path(study).parent.name == results.MAPS:
             file = results.results_folder(out) / results.MAPS / Path(study).name
     one = registry.resolve(name)
     if own is not None:
-        wanted = replace(wanted, rig=own.name) if results.is_path(study) else rigs.applied(own, wanted, one)
+        wanted = replace(wanted, rig=own.name) if source and own.name else rigs.applied(own, wanted, one)
+    if source is not None:
+        if wanted.structure and not source.structure:
+            advice = f"give a STUDY with --rig, such as fiv run {source.study} --rig {rig or config}"
+            raise InputError(f"{study}: it is a result of the paper's beams; {advice}")
+        wanted = wanted.over(source)
     if wanted.study not in ("", one.name, study):
         raise InputError(f"{config or rig}: study = {wanted.study!r}: STUDY is {one.name}; leave one out")
     if writing:
         check_free(file or results.file_of(one.name, out))
     lines = [f"rig             {Structure.from_dict(wanted.structure)!r}"] if wanted.structure else []
-    lines = lines if own is None else [f"rig             {own.name}: {own.title}"]
+    lines = [f"rig             {own.name}: {own.title}"] if own is not None and own.name else lines
     try:
         with warned(lines.append):
             planned = runner.plan(one, wanted, out, file=file, **how)

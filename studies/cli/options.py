@@ -69,7 +69,7 @@ STORED = (
 )
 SPECS = "mu=0.2, V=1,2mm/s, mu=0:0.5:101 (start:stop:count), mu=log:1e-3:1:30, V=auto, a word, a distribution"
 KEYS = "set and scatter (tables), study, points, record, sample_rate, samples, seed, scheduler, workers"
-RIG_HELP = "A rig by name (fiv rig), in whose folder results lie; or a file: an own structure, or as for --config."
+RIG_HELP = "A rig by name (fiv rig), in whose folder results lie; or a TOML file: a table [set], or a structure."
 RIG = option("--rig", metavar="NAME|FILE", shell_complete=_rigs, help=RIG_HELP)
 RIGS = option("--rig", metavar="NAME", shell_complete=_rigs, help="The rig whose results are meant (fiv rig).")
 # Options of `plan` and `run`: the points.

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from studies.cli.app import command, warned
-from studies.cli.compute import planned_again
 from studies.cli.execution import watched
 from studies.cli.options import OUT
 from studies.cli.output import columns, say, show
@@ -17,6 +16,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from studies.asking.rigs import NamedRig
+    from studies.study import Study
+    from sweeps import Plan
 
 NAME = click.argument("name", metavar="[NAME]", required=False)
 SOURCE = click.argument("source", metavar="[FILE|RIG]", required=False)
@@ -73,15 +74,16 @@ def rig_lines(one: NamedRig) -> list[str]:
     from studies.cli import structure
     from studies.declaring.labels import named
 
-    lines = [f"rig {one.name}: {', '.join(one.results) or 'no results yet'}"]
-    if one.structure is not None:
-        return [*lines, *structure.structure_lines(Structure.from_dict(one.structure))]
-    rows = list[tuple[str, ...]]()
+    lines, rows = [f"rig {one.name}: {', '.join(one.results) or 'no results yet'}"], list[tuple[str, ...]]()
     for name, value in one.numbers.items():
         parameter = rigs.NUMBERS[name]
         both = (named(name, each, parameter.units) for each in (value, parameter.default))
         rows.append((name, *(text.partition(" = ")[2] for text in both)))
-    return [*lines, columns([("number", one.name, "paper"), *rows]) if rows else "all numbers are the paper's"]
+    if rows:
+        lines.append(columns([("number", one.name, "paper"), *rows]))
+    if one.structure is not None:
+        lines += structure.structure_lines(Structure.from_dict(one.structure))
+    return [*lines] if rows or one.structure is not None else [*lines, "all numbers are the paper's"]
 
 
 RIGS = tuple(click.argument(name, metavar=name.upper()) for name in ("a", "b"))
@@ -98,67 +100,16 @@ def compare(a: str, b: str, out: str | None) -> None:
     Where both have results of regimes, table6 or scenes, the regimes at their common points are compared; of the
     paper's rig those of the reference count too.
     """  # noqa: D301 - the backspace tells click to keep the lines
-    from studies import registry, runner
-    from studies.answering import results, summary
-    from studies.answering.results import structure_in
-    from studies.asking import rigs
-    from studies.plotting import compare as drawing
-    from studies.plotting import figures
-    from studies.query import compare as tables
-    from sweeps import InputError
+    from studies import runner
+    from studies.answering import summary
+    from studies.query import compare as comparing
 
-    for name in (a, b):
-        rigs.place(name, out)
-    if a == b:
-        raise InputError(f"compare {a} {b}: they are one rig; give two, such as: fiv compare {a} paper")
+    def computed(study: Study, planned: Plan) -> xr.Dataset:
+        say(f"computing {study.name} of {planned.store.parents[1].name if planned.store else ''}")
+        with watched(planned) as last:
+            return runner.execute(study, planned, *runner.backend(None, None), last).dataset
+
     announce_compiling()
-    pair = {name: _sliding(name, out) for name in (a, b)}
-    motions = dict[str, Any]()
-    for study in registry.names_for("motions"):
-        files = {name: _stored(study, rigs.named(name, out)) for name in pair}
-        if all(files.values()):
-            motions[study] = {name: results.open_dataset(str(file)) for name, file in files.items()}
-    show(summary.text(tables.parts(pair, motions)))
-    titles = {name: rigs.named(name, out).title for name in pair}
-    own = {name: "" if structure_in(data) else f", {figures.place(data, 'theta')}" for name, data in pair.items()}
-    note = "; ".join(f"{name}: {titles[name]}{own[name]}" for name in pair) + ". Modes below 10 kHz."
-    target = results.results_folder(out) / "compare" / f"{a}-{b}.png"
-    digest = " ".join(figures.data_digest(data) for data in pair.values())
-    with figures.style(), runner.atomic_write(target) as temporary:
-        temporary.write_bytes(figures.saved(drawing.draw(pair, note), "png", digest))
-    say(f"\nwritten: {target}")
-
-
-def _sliding(name: str, out: str | None) -> xr.Dataset:
-    """The modes of a rig, computed if its folder lacks it; at other settings as it is stored."""
-    from studies import registry, runner
-    from studies.answering import results
-    from studies.asking import rigs
-    from sweeps import LockedError, StoreError, status
-
-    (branches,) = registry.names_for("modes")
-    file = results.file_of(branches, rigs.named(name, out).folder)
-    try:
-        study, planned = planned_again(branches, out, name)
-    except LockedError:
-        raise
-    except StoreError:
-        if status(file).state != "complete":
-            raise
-        stored = f"{branches} of {name} is compared as it is stored"
-        say(f"fiv: {stored}, with other settings than a run by default has")
-        return results.open_dataset(str(file))
-    if not planned.todo:
-        return planned.run("sync")
-    say(f"computing {branches} of {name}")
-    with watched(planned) as last:
-        return runner.execute(study, planned, *runner.backend(None, None), last).dataset
-
-
-def _stored(study: str, own: NamedRig) -> Any:
-    """The file of a study's result of a rig, of the paper's also in the reference; None without one."""
-    from studies.answering import results
-    from sweeps import Store
-
-    file = results.results_file(study, own.folder)
-    return file if Store(file).exists() else None
+    own, pair, motions = comparing.compared(a, b, out, computed, lambda line: say(f"fiv: {line}"))
+    show(summary.text(comparing.parts(own, pair, motions)))
+    say(f"\nwritten: {comparing.drawn(own, pair, out)}")

@@ -75,8 +75,8 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     if is_papers_point(dataset, theta=paper.THETA):
         onsets = [(mu, 1e-3 * hertz) for mu, hertz in paper.ONSETS]
         planes.marks(top, onsets, **planes.PAPER["first unstable μ"])
-    if len(mu) > 1:
-        bottom.set_xlim(mu[0], mu[-1])
+    if dataset.sizes["mu"] > 1:
+        bottom.set_xlim(*dataset["mu"].values[[0, -1]])
     figures.entitle((top, bottom), ("frequency", "growth rate of unstable modes"))
     figures.legend_below(figure, [top], 3)
     figure.suptitle(f"Modes of steady sliding{rig_text(dataset)}")

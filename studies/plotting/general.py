@@ -114,7 +114,8 @@ def _draw_curves(
     for k in range(done.sizes[others[0]] if others else 1):
         at = {others[0]: k} if others else {}
         error = None if spread is None else np.nan_to_num(spread.transpose(x, *others).isel(at).values)
-        if KIND in done:
+        # One curve has its regimes in colour, several have their values.
+        if KIND in done and not others:
             planes.along(axes, values, curves.isel(at).values, done[KIND].values, error)
         else:
             text = labels.named(others[0], done[others[0]][k]) if others else None

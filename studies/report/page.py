@@ -16,6 +16,7 @@ from markupsafe import Markup
 import sweeps
 from studies import registry, runner
 from studies.answering import results, summary
+from studies.asking import rigs
 from studies.declaring import labels
 from studies.declaring.parameters import KNOWN
 from studies.report.section import Result, Tell, content, date, failure_text, packed
@@ -30,7 +31,7 @@ Known = dict[Path, tuple[Any, Section]]
 def write(
     targets: Sequence[str], out: str | Path | None, file: str | Path | None, tell: Tell, known: Known | None = None
 ) -> Path:
-    """Write the page of some results, or of all of the results folder and of the reference, and return its path.
+    """Write the page of some results, or of all of the results folder, its rigs and the reference; its path.
 
     `targets` are studies or maps by name, or paths of netCDF files; all if there are none. The page is `file`, by
     default `report.html` in the results folder. `tell` is given a line for all results that are the reference's,
@@ -43,7 +44,7 @@ def write(
     if notice := of_reference(sections):
         tell(notice)
     target = results.expanded(file) if file else results.results_folder(out) / "report.html"
-    whole = page(sections, broken)
+    whole = page(sections, broken, out)
     with runner.atomic_write(target) as temporary:
         temporary.write_text(whole, encoding="utf-8", errors="backslashreplace", newline="\n")
     return target
@@ -60,17 +61,29 @@ def version(file: Path) -> tuple[Any, ...]:
     return sweeps.Store(file).is_locked(), *sweeps.Store(file).version()
 
 
+def own_files(folder: Path) -> list[Path]:
+    """Every result of a folder in the order of the studies, then those of each of its rigs."""
+    order = registry.names()
+    place = {name: number for number, name in enumerate(order)}
+    folders = [folder, *(folder / name for name in rigs.names(folder))]
+    return [
+        file
+        for each in folders
+        for file in sorted(results.stored(each), key=lambda file: place.get(file.stem, len(order)))
+    ]
+
+
 def everything(folder: Path) -> list[str]:
-    """Every result of a folder in the order of the studies, and the reference of studies that it lacks."""
-    own, order, reference = results.stored(folder), registry.names(), results.reference_folder(folder)
+    """Every result of a folder and of its rigs, and the reference of studies that the folder itself lacks."""
+    own, order, reference = own_files(folder), registry.names(), results.reference_folder(folder)
     if not own:
         show = f"; show the reference with: fiv report --out {reference} --file report.html"
         lacks = "has no result" if folder.is_dir() else "does not exist"
         (first,) = registry.names_for("first")
         begin = results.command("run", first, None if folder == Path("results") else folder)
         raise InputError(f"{folder}: the folder {lacks}; begin with: {begin}{show if reference.is_dir() else ''}")
-    own.sort(key=lambda file: order.index(file.stem) if file.stem in order else len(order))
-    others = (results.file_of(name, reference) for name in order if name not in {file.stem for file in own})
+    there = {file.stem for file in results.stored(folder)}
+    others = (results.file_of(name, reference) for name in order if name not in there)
     return [str(file) for file in (*own, *others) if sweeps.Store(file).exists()]
 
 
@@ -102,22 +115,35 @@ def of_reference(sections: Sequence[Section]) -> str:
     """A line that names the studies which are shown by the reference; "" if none is."""
     studies = [result for result, _ in sections if result.name in registry.names()]
     theirs = [result.name for result in studies if result.is_reference]
-    own, from_project = len(studies) - len(theirs), "the project's reference"
+    own, from_project = {result.name for result in studies if not result.is_reference}, "the project's reference"
     if theirs and not own:
         return f"you have run none of the studies; all are shown from {from_project}"
-    rest = f"the rest is shown from {from_project}: {', '.join(theirs)}"
-    return f"you have run {own} of the {len(studies)} studies; {rest}" if theirs else ""
+    rest = f"the rest is shown from {from_project}: {', '.join(name for name in theirs if name not in own)}"
+    return f"you have run {len(own)} of the {len(own.union(theirs))} studies; {rest}" if theirs else ""
 
 
-def page(sections: Sequence[Section], broken: Sequence[str]) -> str:
+def grouped(sections: Sequence[Section], out: str | Path | None) -> dict[str, tuple[str, list[Section]]]:
+    """The sections under their headings with a note: one's own, each rig's with its numbers, the project's."""
+    folder, groups = results.results_folder(out), dict[str, tuple[str, list[Section]]]()
+    named = {(folder / name).resolve(): name for name in rigs.names(out)}
+    named |= {folder.resolve(): name} if (name := results.rig_in(folder)) else {}
+    for section in sorted(sections, key=lambda each: each[0].is_reference):
+        file = section[0].file.resolve()
+        rig, place = next(((named[each], each) for each in file.parents if each in named), ("", folder))
+        heading = f"Rig {rig}" if rig else "Your results"
+        heading, rig = ("The project's results", "") if section[0].is_reference else (heading, rig)
+        note = rigs.title(rig, place.parent) if rig else ""
+        groups.setdefault(heading, (note, []))[1].append(section)
+    return groups
+
+
+def page(sections: Sequence[Section], broken: Sequence[str], out: str | Path | None) -> str:
     """The whole page; equal results give equal pages."""
     environment = Environment(autoescape=True, undefined=StrictUndefined, loader=FileSystemLoader(HERE))
     style, player, script = ((HERE / name).read_text("utf-8") for name in ("page.css", "player.js", "page.js"))
     script = player + script
-    own, theirs = ([each for each in sections if each[0].is_reference is kind] for kind in (False, True))
-    groups = {"Your results": own, "The project's results": theirs}
     return environment.get_template("page.html.j2").render(
-        groups={name: group for name, group in groups.items() if group},
+        groups=grouped(sections, out),
         notice=of_reference(sections),
         newest=date(max(result.stamp for result, _ in sections)),
         broken=broken,

@@ -31,7 +31,7 @@ def watch(
     def versions() -> list[Any]:
         return [page.version(results.results_file(name, out)) for name in page.names(targets, out)]
 
-    while not targets and not results.stored(out):
+    while not targets and not page.own_files(results.results_folder(out)):
         once(f"{results.results_folder(out)} has no result yet; waiting for the first")
         time.sleep(PAUSE)
     before, took = versions(), 0.0

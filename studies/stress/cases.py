@@ -154,8 +154,8 @@ T = "tangential"
 
 GROUPED: dict[str, list[Case]] = {
     "step": [
-        Case(f"step {x:g} of the largest", edge="step", share=x, expected=VALUE if x > 1.0 else PASSES, names="step",
-             excluded=NO_STEP)
+        Case(f"step {x:g} of the largest", edge="step", share=x, names="step", excluded=NO_STEP,
+             expected=VALUE if x > 1.0 else PASSES)
         for x in (0.5, 0.9, 0.999, 1.001, 1.5)],
     "friction": [
         *_numbers("mu", "mu = {:g}", 0.0, 1e-12),

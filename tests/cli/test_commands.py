@@ -213,7 +213,7 @@ def test_a_result_is_made_again_bit_for_bit(here, options, tmp_path):
 
 def test_options_win_over_a_file_and_a_draw_may_be_a_value(here, tmp_path):
     (tmp_path / "run.toml").write_text('study = "fig5"\n[set]\nmu = "0:0.5:3"\ntheta = 8\n')
-    assert "grid            mu 1\n" in here("plan", "fig5", "--rig", "run.toml", "--set", "mu=0.1").stdout
+    assert "grid            mu 1\n" in here("plan", "fig5", "--config", "run.toml", "--set", "mu=0.1").stdout
     assert "STUDY is table4" in here("plan", "table4", "--config", "run.toml").stderr
     plans = [here("plan", "fig5", name, "theta=normal:5:1", "--samples", "4") for name in ("--set", "--scatter")]
     assert plans[0].stdout == plans[1].stdout

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy import io, sparse
 
 import studies
-from fivcore import Structure
+from fivcore import Rig, Structure
 from studies.asking import rigs
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -20,6 +21,8 @@ mode = [
     { frequency = 800.0, normal = 0.1, tangential = -0.7, load = -0.1 },
 ]
 """
+SETS = ("--set", "mu=0.3", "--set", "F=20N", "--set", "V=3mm/s")
+SHORT = {"min_duration": 0.02, "max_duration": 0.05, "standard_error": 0.5, "members": 1}
 FIT = """
 [unknown]
 contact_position = "uniform:75:85mm"
@@ -113,7 +116,11 @@ def test_a_structure_needs_no_other_file(here):
         ("rig a.b --set d1=40", "a name has letters, digits, _ and -, and no suffix or slash"),
         ("rig other --set p1_length=60,5mm", "with a decimal point: p1_length=60.5mm"),
         ("rig other --set p1_lenght=60mm", "did you mean p1_length?"),
-        ("rig other --set mu=0.2", "give it there: fiv run STUDY --rig other --set mu=0.2"),
+        ("rig other --set members=4", "a rig has no such number; what else a study takes is of a run"),
+        ("rig other --set kinetic_ratio=0.9", "what else a study takes is of a run"),
+        ("rig other --set V=0", "V = 0"),
+        ("rig other --set F=-1", "F = -1"),
+        ("rig other pin.toml --set theta=4", "a structure has no such number"),
         ("rig other --set d1=1:2:3", "a rig has one value"),
         ("rig other --set contact_position=500mm", "at most P2's length, 0.15 m"),
         ("rig other pin.toml --set d1=40", "a structure has no such number"),
@@ -163,6 +170,94 @@ def test_other_numbers_than_a_file_has_are_offered_with_a_rig_for_them(here, own
         assert here(*shlex.split(command)[1:]).returncode == 0, command
     (name,) = rigs.names()
     assert studies.open("fig5", rig=name)["mu"].values.tolist() == [0.1, 0.2]
+
+
+def test_a_rig_says_where_it_usually_runs(here):
+    """A range of the study, and what a run requests, win."""
+    assert here("rig", "mine", *SETS, "--set", "head_mass=2kg").returncode == 0
+    data = studies.run("fig7", rig="mine", duration=0.05)
+    assert (data["mu"].item(), data["F"].item(), data["V"].size) == (0.3, 20.0, 3)
+    data = studies.run("fig7", rig="mine", duration=0.05, V=[1e-3], mu=0.2, fresh=True)
+    assert data["mu"].item() == 0.2
+    mapped = studies.map("theta=4,5", quantity="growth_rate", rig="mine")
+    fixed = studies.map("theta=4,5", quantity="growth_rate", fix={"mu": 0.3, "head_mass": 2.0})
+    np.testing.assert_array_equal(mapped["growth_rate"], fixed["growth_rate"])
+    Path("pin.toml").write_text(PIN, encoding="utf-8")
+    assert here("rig", "pin", "pin.toml", *SETS).returncode == 0
+    data = studies.map("V=0.02,0.03", quantity="velocity_rms", rig="pin", fix=SHORT)
+    assert (data["mu"].item(), data["F"].item()) == (0.3, 20.0)
+    Path("pin.toml").unlink()
+    assert here("rig", "pin", "--set", "mu=0.4").returncode == 2
+
+
+def test_a_file_means_what_a_name_means(here):
+    """Numbers alone, and a range of the study is kept."""
+    Path("mine.toml").write_text('[set]\ntheta = 8\np1_length = "60mm"\n', encoding="utf-8")
+    assert here("rig", "mine", "mine.toml").returncode == 0
+    for line in ("table6", "fig5", "fig5 --set theta=4", "scenes --set V=2mm/s --set theta=3,4"):
+        named, file = (here("plan", *line.split(), "--rig", rig).stdout for rig in ("mine", "mine.toml"))
+        keep = [
+            [row for row in text.splitlines() if row.split()[0] not in ("rig", "file")] for text in (named, file)
+        ]
+        assert keep[0] == keep[1]
+    assert here("run", "table6", "--rig", "mine.toml", "--set", "theta=4").returncode == 0
+    for text, told in (
+        ('study = "fig5"', "study is of a run (--config)"),
+        ("set = {mu = '1:2:3'}", "a rig has one"),
+    ):
+        Path("bad.toml").write_text(text, encoding="utf-8")
+        done = here("run", "fig5", "--rig", "bad.toml")
+        assert (done.returncode, told in done.stderr) == (2, True)
+
+
+def test_maps_of_rigs_from_files_have_names_of_their_own(here):
+    """Of beams by their numbers, of structures by their digest; the map of one is never that of another."""
+    for k, text in enumerate((PIN, PIN.replace("800.0", "801.0"))):
+        Path(f"pin{k}.toml").write_text(text, encoding="utf-8")
+        line = ["--x", "frequency_2=750,800Hz", "--quantity", "onset_mu", "-q"]
+        assert here("map", *line, "--rig", f"pin{k}.toml").returncode == 0
+    for k, length in enumerate(("60mm", "60.0001mm")):
+        Path(f"beam{k}.toml").write_text(f'[set]\np1_length = "{length}"\ntheta = {k}\n', encoding="utf-8")
+        for x in ("mu=0.1,0.2", "theta=4,5"):
+            assert (
+                here("map", "--x", x, "--quantity", "growth_rate", "-q", "--rig", f"beam{k}.toml").returncode == 0
+            )
+    named = {path.stem for path in Path("results/map").glob("*.nc")}
+    assert len(named) == 6, named
+
+
+def test_the_same_in_python(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    mine = studies.rig("mine", p1_length="60mm", mu=np.float64(0.3))
+    assert (mine.numbers, mine.results) == ({"p1_length": 0.06, "mu": 0.3}, [])
+    light = studies.rig("light", Rig.of(p1_length=0.06, head_mass=2.0))
+    assert studies.rig("light").numbers == light.numbers == {"p1_length": 0.06, "head_mass": 2.0}
+    pin = studies.rig(
+        "pin", Structure.from_modes([500.0, 800.0], [0.4, 0.1], [-0.9, -0.7], load=[-0.4, -0.1]), F=5
+    )
+    assert rigs.named("pin") == pin
+    own = {"mu": [0.1, 0.3]}
+    for rig in (mine, light):
+        assert studies.run("fig5", rig=rig, **own)["p1_length"] == 0.06
+        xr.testing.assert_identical(studies.open("fig5", rig=rig), studies.open("fig5", rig=rig.name))
+    assert studies.run("fig5", rig=Rig.of(head_mass=2.0), **own)["head_mass"] == 2.0
+    both = studies.compare(mine, "light")
+    assert Path("results/compare/mine-light.png").exists()
+    for name in ("mine", "light"):
+        alone = studies.open("fig5", rig=name)
+        np.testing.assert_array_equal(both["onset_mu"].sel(rig=name).dropna("onset"), alone["onset_mu"])
+        assert float(both["head_mass"].sel(rig=name)) == alone["head_mass"]
+    assert len(both.fiv.query('rig == "mine" and growth_rate > 0 and mu == 0.3')) == 3
+    # No number of the beams is of a structure.
+    studies.run("fig5", rig=pin, **own)
+    assert np.isnan(studies.compare("pin", "mine")["p1_length"].sel(rig="pin"))
+    for call, told in (
+        (lambda: studies.rig("mine", p1_length="70mm"), "it has results"),
+        (lambda: studies.rig("mien"), "did you mean mine"),
+        (lambda: studies.compare("mine", mine), "they are one rig"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            call()
 
 
 def test_two_rigs_beside_each_other(mine, folder):

@@ -1,5 +1,6 @@
 """Structures of one's own in the commands: by modes, by matrices, built by a study; and what is refused."""
 
+import itertools
 import re
 import shutil
 from pathlib import Path
@@ -14,6 +15,7 @@ from fivcore import Scene, Structure, flutter_onsets, simulate, sliding_modes
 from studies.asking.request import structure_of
 from studies.cli.structure import hints
 from studies.declaring.own import varied
+from studies.plotting import general
 from tests.docs import readmes
 from tests.helpers.plate import plate
 
@@ -292,6 +294,36 @@ def test_a_study_builds_its_structure_with_scikit_fem(here, tmp_path, forgetful,
     bending = 1.8751**2 * 2e-3 / (2.0 * np.pi * 0.075**2) * np.sqrt(200e9 / 7800.0 / 12.0)
     assert data["bending_frequency"].values == pytest.approx(bending, rel=0.02)
     assert float(data["velocity_rms"][0]) > 3.0 * float(data["velocity_rms"][2])
+
+
+def test_motion_over_numbers_of_a_structure(here, pin):
+    """A scene at each value of a number is that of the structure with the value."""
+    how = {"V": 0.02, "mu": 0.3, "F": 9.0, "duration": 0.3}
+    words = [f"{name}={value}" for name, value in how.items()]
+    words += ["frequency_3=1700,1750Hz", "damping_ratio_3=0.002,0.02"]
+    line = [word for text in words for word in ("--set", text)]
+    assert here("run", "scenes", "--rig", "pin.toml", *line, "-q").returncode == 0
+    data = studies.open("scenes").squeeze(drop=True)
+    assert data["velocity_rms"].sizes == {"frequency_3": 2, "damping_ratio_3": 2}
+    for hertz, ratio in itertools.product((1700.0, 1750.0), (0.002, 0.02)):
+        own = varied(pin, {"frequency_3": hertz, "damping_ratio_3": ratio})
+        alone = studies.run("scenes", rig=own, out=f"{hertz:g}-{ratio:g}", **how).squeeze(drop=True)
+        at = data.sel(frequency_3=hertz, damping_ratio_3=ratio)
+        assert [float(at[name]) for name in STATISTICS] == [float(alone[name]) for name in STATISTICS]
+    assert np.unique(data["velocity_rms"]).size == 4
+    # A curve for each value of one of them.
+    figure = general.draw(studies.open("scenes"))
+    labels = figure.axes[0].get_legend_handles_labels()[1]
+    assert labels[:2] == ["damping ratio 3 = 0.002", "damping ratio 3 = 0.02"]
+
+
+def test_sensitivity_of_a_structure_names_its_modes(here, pin):
+    done = here("run", "sensitivity", "--rig", "pin.toml", "-q")
+    assert (done.returncode, "frequency 3" in done.stdout, "damping 1" in done.stdout) == (0, True, True)
+    at = studies.open("sensitivity").sel(pair=1).squeeze()
+    assert at["onset_mu"].values == pytest.approx(flutter_onsets(pin, 0.0).mu[0], rel=1e-12)
+    # Both frequencies that meet move the onset, damping hardly.
+    assert (abs(at["elasticity_mu"].sel(parameter=["frequency_1", "frequency_2"])) > 0.1).all()
 
 
 def test_numbers_of_a_structure_are_axes_and_have_sensitivities(here, pin):

@@ -79,15 +79,17 @@ def clone(tmp_path, here):
         shutil.copytree(HOME / "results" / "reference" / name, tmp_path / "results" / "reference" / name)
     (tmp_path / "results" / "reference" / "rig.svg").touch()
     for text in readmes.blocks("toml", "studies/README.md"):
-        (tmp_path / re.match(r"# (\S+\.toml)", text)[1]).write_text(text)
-    (tmp_path / "rigs.csv").write_text("p1_length [mm], mu\n50, 0.1\n60, 0.2\n")
+        (tmp_path / re.match(r"# (\S+\.toml)", text)[1]).write_text(text, encoding="utf-8")
+    (tmp_path / "rigs.csv").write_text("p1_length [mm], mu\n50, 0.1\n60, 0.2\n", encoding="utf-8")
     stiffness = sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(24, 24)) * 1e7
     io.mmwrite(tmp_path / "K.mtx", stiffness.tocoo())
     io.mmwrite(tmp_path / "M.mtx", sparse.eye_array(24).tocoo() * 0.01)
     rows = [(node, way) for node in (*range(834, 845), 12) for way in ("UX", "UY")]
-    (tmp_path / "rows.txt").write_text("\n".join(f"{845 if node == 844 else node} {way}" for node, way in rows))
+    (tmp_path / "rows.txt").write_text(
+        "\n".join(f"{845 if node == 844 else node} {way}" for node, way in rows), encoding="utf-8"
+    )
     places = [f"{node} {0.01 * k} 0 0" for k, node in enumerate((*range(834, 844), 845, 12))]
-    (tmp_path / "nodes.txt").write_text("\n".join(places))
+    (tmp_path / "nodes.txt").write_text("\n".join(places), encoding="utf-8")
     return tmp_path
 
 
@@ -140,6 +142,9 @@ def reader(clone, fiv, undrawn, monkeypatch):
     def play(language, text):
         if any(each in text for each in ELSEWHERE[2:]) or text in ELSEWHERE:
             return None
+        if language == "csv":
+            Path("modes.csv").write_text(text, encoding="utf-8")
+            return None
         if language == "toml":
             name = re.match(r"# (\S+\.toml)", text)[1]
             Path(name).write_text(text, encoding="utf-8")
@@ -156,7 +161,7 @@ def reader(clone, fiv, undrawn, monkeypatch):
             return printed
         assert language == "python"
         file = Path("head_mass.py" if "STUDY = Study(" in text else f"block{len(text)}.py")
-        file.write_text(cut(text))
+        file.write_text(cut(text), encoding="utf-8")
         return runpy.run_path(str(file), run_name="__main__")
 
     return play
@@ -287,12 +292,12 @@ def test_any_scheduler_a_dataframe_and_a_distribution_go_to_a_study_as_to_a_swee
 def test_a_study_of_ones_own_as_a_script(tmp_path, fiv):
     """It finds what the command has computed, and the command what it has, with other values."""
     script, result = tmp_path / "head_mass.py", tmp_path / "results" / "head_mass" / "head_mass.nc"
-    script.write_text(STUDY + MAIN.format(""))
+    script.write_text(STUDY + MAIN.format(""), encoding="utf-8")
     fiv("fiv run head_mass.py")
     computed = result.read_bytes()
     assert "The rig vibrates least with" in run(sys.executable, script.name)
     assert result.read_bytes() == computed
-    script.write_text(STUDY + MAIN.format(", duration=1.0, out='longer'"))
+    script.write_text(STUDY + MAIN.format(", duration=1.0, out='longer'"), encoding="utf-8")
     assert "at duration = 1 s" in run(sys.executable, script.name).lower()
     assert "to do           0" in fiv("fiv plan head_mass.py --set duration=1.0 --out longer")
 
@@ -303,12 +308,12 @@ def test_a_run_under_slurm(tmp_path, monkeypatch):
     for name, text in (("sbatch", SBATCH), ("scancel", SCANCEL)):
         path = tmp_path / "bin" / name
         path.parent.mkdir(exist_ok=True)
-        path.write_text(text)
+        path.write_text(text, encoding="utf-8")
         path.chmod(path.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("PATH", os.pathsep.join([str(tmp_path / "bin"), os.environ["PATH"]]))
     smaller = SLURM.replace("cores=8, processes=8", "cores=1, processes=1").replace("jobs=4", "jobs=2")
     smaller = smaller.replace("5e-3]", "5e-3], mu=[0.2, 0.3]").replace("16GB", "2GB")
-    (tmp_path / "run.py").write_text(smaller)
+    (tmp_path / "run.py").write_text(smaller, encoding="utf-8")
     run(sys.executable, "run.py", cwd=tmp_path, timeout=300)
     shown = ("--out", "on-slurm", "--show", "V,mu,status")
     rows = run(sys.executable, "-m", "studies", "query", "regimes", *shown, cwd=tmp_path)
@@ -352,10 +357,10 @@ def test_every_block_from_a_fresh_clone(tmp_path):
             elif language == "sh":
                 run("bash", "-euo", "pipefail", "-c", text, cwd=home, env=environment)
             elif language == "toml":
-                (home / re.match(r"# (\S+\.toml)", text)[1]).write_text(text)
+                (home / re.match(r"# (\S+\.toml)", text)[1]).write_text(text, encoding="utf-8")
             else:
                 file = "head_mass.py" if "STUDY = Study(" in text else f"block{len(name)}{k}.py"
-                (home / file).write_text(text)
+                (home / file).write_text(text, encoding="utf-8")
                 run("python", file, cwd=home, env=environment)
     # All that the packages have is installed with them.
     (installed,) = home.glob(".venv/lib/python*/site-packages")

@@ -24,6 +24,7 @@ import pytest
 
 from studies import registry, runner
 from studies.answering import results
+from studies.asking import rigs
 from studies.asking.request import Request, assignment
 from studies.asking.sweep import sweep_of
 from studies.plotting import figures, regimes
@@ -324,6 +325,24 @@ def test_a_watched_page_renews_what_changed_and_keeps_the_rest(driver, watched):
 
     watch_by(open_page, more, renewed)
     WebDriverWait(driver, 20.0).until(lambda _: "has ended" in driver.find_element("tag name", "header").text)
+
+
+def test_results_of_rigs_stand_under_their_names_with_their_numbers(tmp_path):
+    fig5 = registry.load("fig5")
+    for name, mass in (("light", "2kg"), ("heavy", "4kg")):
+        rigs.define(name, None, {"head_mass": mass}, tmp_path)
+        with pytest.raises(InputError, match="has no result"):
+            page.write((), tmp_path / name, None, pytest.fail)
+        if name == "light":
+            planned(fig5, tmp_path / name / "fig5" / "fig5.nc", mu="0:0.5:3", head_mass=mass).run("sync")
+    planned(OWN, tmp_path / "heavy" / "map" / "own.nc").run("sync")
+    whole, texts, _ = read(page.write((), tmp_path, None, [].append))
+    assert texts["h2"][3:] == ["Rig heavy", "Rig light"]
+    assert [text for text in texts["p"] if text.startswith("head_mass")] == ["head_mass = 4kg", "head_mass = 2kg"]
+    assert re.findall('data-name="([^"]*)"', whole) == ["heavy: own", "own", "light: fig5", "fig5"]
+    # Its results are its own alone on a page of one rig.
+    _, texts, _ = read(page.write((), tmp_path / "light", None, [].append))
+    assert texts["h2"][2:] == ["Rig light"]
 
 
 def test_refusals(folder, tmp_path):
