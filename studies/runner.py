@@ -69,11 +69,12 @@ class RunResult:
         if time is None or "V" not in data or "p2_length" not in data:
             return ""
         moved = float((np.abs(data["V"]) * time / data["p2_length"]).max())
-        if moved <= FIXED_CONTACT_LIMIT:
+        if not moved > FIXED_CONTACT_LIMIT:  # NaN where all points failed
             return ""
         place = np.ravel(data["contact_position"].values) if "contact_position" in data else np.array([])
         where = f"{1e3 * place[0]:g} mm" if len(place) == 1 else "one place"
-        moves = f"the drive moves {100.0 * moved:.2g} % of P2's length in a run"
+        percent = f"{100.0 * moved:.0f}" if moved >= 0.1 else f"{100.0 * moved:.2g}"
+        moves = f"the drive moves {percent} % of P2's length in a run"
         return f"{moves}; a real contact would travel along, here it stays at {where}"
 
     @property

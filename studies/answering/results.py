@@ -141,9 +141,10 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
     except FileNotFoundError:
         if is_path(text):
             raise
-        names = ", ".join(path.stem for path in stored(out)) or "nothing"
+        names = ", ".join(path.stem for path in stored(out))
+        there = f"which has results of {names}" if names else "which is empty"
         raise MissingFileError(
-            f"no result {text!r} in {results_folder(out)}, which has {names}; compute it with studies.run"
+            f"no result {text!r} in {results_folder(out)}, {there}; compute it with studies.run"
         ) from None
     owner = dataset.attrs.get("sweep")
     if not (is_path(text) or owner in (file.stem, f"{FITS}_{file.stem}") or file.parent.name == MAPS):

@@ -60,6 +60,8 @@ def fixed_text(study: Study, dataset: xr.Dataset) -> str:
     """The operating point, and what else is fixed at another value than the study's default."""
     text = fixed_parts(study, dataset)
     if set(RIG) <= set(settings(dataset)) and claims.is_papers_rig(dataset):
+        if not text:
+            return "On the paper's rig."
         text.append("the paper's rig")
     return f"At {', '.join(text)}." if text else f"{study.title}."
 

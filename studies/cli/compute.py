@@ -82,6 +82,8 @@ def _offering(assignments: Sequence[str], rig: str | None, out: str | None) -> I
     except LockedError:
         raise
     except StoreError as problem:
+        if "has other" not in str(problem):
+            raise
         own = [text for text in assignments if text.partition("=")[0].strip() in RIG]
         if rigs.is_name(rig) and rig is not None:
             raise

@@ -107,6 +107,10 @@ def _code_of(problem: Exception) -> int:
         if name := text.partition("No such command '")[2].partition("'")[0]:
             study = name in catalogue() or name.endswith((".py", ".nc"))
             text = f"{name} is no command; write: fiv run {name}" if study else f"{text} All of them: fiv --help"
+            if name == "help" and sys.argv[2:]:
+                text += f"; the options of one: fiv {sys.argv[2]} --help"
+        if text == "Missing argument 'STUDY'.":
+            text = "STUDY is missing: give a study, for example fig5, or your own file; fiv list names the studies"
         if "extra argument" in text and "=" in text:
             text += "; a value needs --set before it, or --fix for a map"
     elif isinstance(problem, MemoryError):

@@ -98,7 +98,7 @@ def show_status(target: str | None, as_json: bool, rig: str | None, out: str | N
     rows += [
         {"rig": name, **row} for name in rig_names(out) for row in _rows(str(results.results_folder(out) / name))
     ]
-    begin = f"{results.results_folder(out)} has no result; begin with: {results.command('run', 'fig5', out)}"
+    begin = f"{results.results_folder(out)} has no results; begin with: {results.command('run', 'fig5', out)}"
     show(json.dumps(rows) if as_json else _grouped(out) or begin)
 
 
@@ -318,12 +318,14 @@ def _file(target: str, out: str | None) -> Path:
     file = results.results_file(name, out)
     if not results.is_path(target) and not Store(file).exists():
         names = [path.stem for path in results.stored(out)]
-        has = f"{results.results_folder(out).resolve()} has {', '.join(names) or 'no result'}"
+        folder = results.results_folder(out).resolve()
+        found = f"{folder} has results of {', '.join(names)}" if names else f"{folder} is empty"
+        found = found if folder.is_dir() else f"the folder {folder} does not exist; name another one with --out"
         if name in registry.names() or results.is_script(target):
             raise MissingFileError(
-                f"no result {name!r}; {has}; compute it with: {results.command('run', target, out)}"
+                f"no result {name!r}; {found}; compute it with: {results.command('run', target, out)}"
             )
-        raise MissingFileError(f"no result {name!r}; {suggest(name, [*names, *registry.names()])}{has}")
+        raise MissingFileError(f"no result {name!r}; {suggest(name, [*names, *registry.names()])}{found}")
     if notice := results.notice(name, out):
         say(f"fiv: {notice}")
     return file

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from decimal import Context, Decimal, localcontext
 from itertools import accumulate, repeat
 from operator import mul
@@ -156,7 +157,8 @@ def _range(parts: list[str], *, logarithmic: bool) -> NDArray[Any]:
         raise InputError("a range must be start:stop:count")
     start, stop, number = finite(parts[0]), finite(parts[1]), parts[2]
     if not (number.isascii() and number.isdigit() and 1 <= int(number) <= MOST_VALUES):
-        raise InputError(f"count must be a whole number from 1 to {MOST_VALUES}, not {number!r}")
+        refusal = f"count must be a whole number from 1 to {MOST_VALUES}, not {number!r}"
+        raise InputError(refusal + _of_step(start, stop, number))
     if (int(number) == 1) != (start == stop):
         raise InputError("two equal ends have a count of 1, two others a larger one")
     if not np.isfinite(stop - start):
@@ -164,6 +166,15 @@ def _range(parts: list[str], *, logarithmic: bool) -> NDArray[Any]:
     if logarithmic and not (start > 0.0 and stop > 0.0):
         raise InputError("both ends of a log: range must be above 0")
     return (logarithmically if logarithmic else evenly)(start, stop, int(number))
+
+
+def _of_step(start: float, stop: float, text: str) -> str:
+    """The range that is meant where its step stands in place of the count; "" if there is none."""
+    with suppress(InputError, ZeroDivisionError, OverflowError):
+        steps = (stop - start) / finite(text)
+        if 1.0 <= steps < MOST_VALUES and abs(steps - round(steps)) < 1e-6 * steps:
+            return f"; for a step of {text} write {typed(start)}:{typed(stop)}:{round(steps) + 1}"
+    return ""
 
 
 def evenly(start: float, stop: float, count: int) -> NDArray[Any]:

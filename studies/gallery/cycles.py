@@ -62,23 +62,29 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         for kind, chosen in (("stable", multiplier < 1.0), ("unstable", multiplier >= 1.0)):
             if chosen.any():
                 ends = " to ".join(f"{factor * end:.5g}" for end in (value[chosen].min(), value[chosen].max()))
-                parts.append(f"{kind} ones from {ends}, {hertz[chosen].min():.0f} to {hertz[chosen].max():.0f} Hz")
+                band = f"{hertz[chosen].min():.0f} to {hertz[chosen].max():.0f} Hz"
+                parts.append(f"{kind} ones exist from {ends} ({band})")
         places = [
             (f"{factor * at:.5g}", what) for at, what in zip(point["place_value"].values, texts, strict=True)
         ]
         rows += [(text, *place) for place in places if place[1]]
         onsets = [f"{factor * at:.5g}" for at in point["onset_value"].dropna("onset").values]
-        found = {"fold": [at for at, what in places if what == "fold"], "onset of flutter": onsets}
-        parts += [f"{what} at {', '.join(at)}" for what, at in found.items() if at]
+        folds = [at for at, what in places if what == "fold"]
+        parts += [f"branches fold at {', '.join(folds)}"] if folds else []
+        parts += [f"flutter begins at {', '.join(onsets)}"] if onsets else []
         if both := following.interval(point):
-            parts.append(f"runs up and down differ from {factor * both[0][0]:.4g} to {factor * both[1][0]:.4g}")
+            ends = " to ".join(f"{factor * end[0]:.4g}" for end in both[:2])
+            parts.append(f"upward and downward runs move differently from {ends}")
         knocks = labels.readable(point["knock_threshold"].dropna(name)).values
         if len(knocks):
-            parts.append(f"knocks from {knocks.min():.3g} to {knocks.max():.3g} mN s start vibration")
+            parts.append(
+                f"the smallest knock that starts vibration is {knocks.min():.3g} to {knocks.max():.3g} mN s"
+            )
         head = "Limit cycles" if np.isfinite(value).any() else "No limit cycle is found"
         over = f"over {labels.title(name)}{f' in {unit}' if unit else ''} at {text}"
-        yield f"{head} {over}: {'; '.join(parts) or 'runs up and down are the same'}."
-    yield "Places where a branch changes", pd.DataFrame(rows, columns=["point", labels.title(name), "what"])
+        yield f"{head} {over}: {'; '.join(parts) or 'upward and downward runs move alike'}."
+    changes = pd.DataFrame(rows, columns=["point", labels.title(name), "change of the cycle"])
+    yield "Points where a branch folds, ends, or changes its sequence of stick, slip and separation", changes
 
 
 def draw(dataset: xr.Dataset) -> figures.Figure:

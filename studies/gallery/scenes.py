@@ -64,7 +64,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """How many scenes move in which way, and the first of them."""
     numbers = np.bincount(regimes.kinds(dataset).ravel(), minlength=len(regimes.KINDS))
     counts = ", ".join(f"{n} {kind}" for n, kind in zip(numbers, regimes.KINDS, strict=True) if n)
-    yield f"{numbers.sum()} scenes, {regimes.damping_text(dataset)}: {counts}."
+    yield f"{numbers.sum()} scene{'s' * (numbers.sum() != 1)}, {regimes.damping_text(dataset)}: {counts}."
     points = dataset[[*COLUMNS, "status"]].stack(point=dataset["status"].dims, create_index=False)
     table = labels.frame(points.isel(point=slice(MOST_ROWS)), COLUMNS, along="point")
     more = f" (the first {MOST_ROWS} of {points.sizes['point']})" if points.sizes["point"] > MOST_ROWS else ""

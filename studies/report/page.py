@@ -65,7 +65,7 @@ def everything(folder: Path) -> list[str]:
     own, order, reference = results.stored(folder), registry.names(), results.reference_folder(folder)
     if not own:
         show = f"; show the reference with: fiv report --out {reference} --file report.html"
-        lacks = "has no result" if folder.is_dir() else "does not exist"
+        lacks = "has no results" if folder.is_dir() else "does not exist"
         begin = results.command("run", "fig5", None if folder == Path("results") else folder)
         raise InputError(f"{folder}: the folder {lacks}; begin with: {begin}{show if reference.is_dir() else ''}")
     own.sort(key=lambda file: order.index(file.stem) if file.stem in order else len(order))

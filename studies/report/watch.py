@@ -32,7 +32,7 @@ def watch(
         return [page.version(results.results_file(name, out)) for name in page.names(targets, out)]
 
     while not targets and not results.stored(out):
-        once(f"{results.results_folder(out)} has no result yet; waiting for the first")
+        once(f"{results.results_folder(out)} has no results yet; waiting for the first")
         time.sleep(PAUSE)
     before, took = versions(), 0.0
     written = page.write(targets, out, file, once, known)

@@ -198,7 +198,8 @@ def _requested(plan: PlanData, store: Store) -> xr.Dataset:
     try:
         data = opened(store.file)
     except ValueError as problem:
-        raise StoreError(f"{problem}; move it away, or {errors.HINT_START_OVER}") from None
+        hint = "" if errors.HINT_MOVE in str(problem) else f"; move it away, or {errors.HINT_START_OVER}"
+        raise StoreError(f"{problem}{hint}") from None
     if plan.alignment.identical:
         return restore_types(data)
     grid = plan.manifest.grid

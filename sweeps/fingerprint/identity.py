@@ -139,7 +139,10 @@ def metadata_digest(sweep: Declaration) -> str:
 
 
 def differences(stored: Mapping[str, Any], present: Mapping[str, Any], *, code: bool = True) -> str:
-    """Describe how two fingerprints differ, in one line; "" if they are equal. Without `code` this is left out."""
+    """Describe how two fingerprints differ, in one line; "" if they are equal.
+
+    Differences of code are left out without `code`, and where constants differ, which code may depend on.
+    """
     before, now = ({name: each for name, each in both.items() if name not in CODE} for both in (stored, present))
     if "compiler" not in stored:  # of an earlier version, which had no digests of values
         now.pop("values", None)
@@ -152,7 +155,7 @@ def differences(stored: Mapping[str, Any], present: Mapping[str, Any], *, code: 
         there, here = ("nothing" if value is ABSENT else json.dumps(value) for value in values)
         what = {"constants": inner, "values": f"the content of {inner}"}.get(part, f"{part} {inner}".rstrip())
         lines.append(f"{what} = {_shortened(there)} there, {_shortened(here)} here")
-    if code and (line := _code_difference(stored, present)):
+    if code and not shown and (line := _code_difference(stored, present)):
         lines.insert(3, line)
     return "; ".join(lines[:4])
 

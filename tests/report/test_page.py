@@ -299,7 +299,7 @@ def test_a_watched_page_is_written_when_its_results_change_and_served_to_this_ma
     told = watch_by(look, look, more, look)
     assert seen[0] == seen[1]
     assert [b"23 done" in whole for whole, _ in seen] == [False, False, True]
-    assert told[0] == f"{tmp_path} has no result yet; waiting for the first"
+    assert told[0] == f"{tmp_path} has no results yet; waiting for the first"
     assert len(told) == len(set(told))
 
 
@@ -328,7 +328,7 @@ def test_a_watched_page_renews_what_changed_and_keeps_the_rest(driver, watched):
 
 def test_refusals(folder, tmp_path):
     (tmp_path / "bad").mkdir()
-    for out, what in ((tmp_path / "nodir", "does not exist"), (tmp_path, "has no result")):
+    for out, what in ((tmp_path / "nodir", "does not exist"), (tmp_path, "has no results")):
         with pytest.raises(InputError, match=f"{out.name}: the folder {what}; begin with: fiv run fig5 --out"):
             page.write((), out, None, pytest.fail)
     assert [each.name for each in tmp_path.iterdir()] == ["bad"]
