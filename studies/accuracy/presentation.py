@@ -25,9 +25,9 @@ TERMS = f"""CPU s/s: CPU time per simulated second, mean over scenes. CPU s to S
 error of each fraction of time is {errors.STANDARD_ERROR:g}. Speed-up: relative to the published scheme, over the
 scenes that both computed. Error: error divided by tolerance, root mean square over statistics and scenes; SE: the
 error that standard errors alone would give. Fractions of time: their largest error in percentage points. Scenes
-within: scenes in which each error is below its tolerance ({_ALLOWED}; percentage points for fractions of time) plus
-{errors.ERRORS_ALLOWED:g} standard errors, and that of the first slip below {100.0 * errors.FIRST_SLIP:g} %. {FAST}
-with {PUBLISHED} is compared with the published scheme ({", ".join(SCHEME)}). All others, the published scheme
+within: scenes in which each error is below its tolerance ({_ALLOWED}; percentage points for fractions of time)
+plus {errors.ERRORS_ALLOWED:g} standard errors, and that of the first slip below {100.0 * errors.FIRST_SLIP:g} %.
+{FAST} with {PUBLISHED} is compared with the published scheme ({", ".join(SCHEME)}). All others, the published scheme
 included, are compared with {", ".join(GIVEN)}, which solves the model without numerical damping; {settings.PAPER}
 with {MODEL} checks this reference."""
 
@@ -56,7 +56,7 @@ def table(data: xr.Dataset) -> pd.DataFrame:
 
 
 def cheapest_right(frame: pd.DataFrame) -> pd.DataFrame:
-    """The row of the cheapest that is right at every scene at which any is compared; empty if none is."""
+    """The row of the cheapest setting within all tolerances in every compared scene; empty if there is none."""
     right, compared = (frame[[f"{name} {group}" for group in GROUPS]].to_numpy() for name in ("right", "compared"))
     most = compared.max(axis=0, initial=0)
     everywhere = ((compared == most) & (right == most)).all(axis=1) & most.any()
@@ -64,7 +64,7 @@ def cheapest_right(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def summary(data: xr.Dataset) -> Iterator[Any]:
-    """The finding, costs, errors, scenes, and the terms."""
+    """The main result, costs, errors, scenes, and definitions."""
     frame = table(data)
     default = frame[(frame["method"] == FAST) & (frame["setting"] == DEFAULT)]
     cheapest = "The cheapest setting that is within them in every scene"

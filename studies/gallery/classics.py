@@ -76,7 +76,7 @@ def describe(data: xr.Dataset) -> xr.Dataset:
 
 
 def summarise(data: xr.Dataset) -> Iterator[Any]:
-    """How many values are right, all of them, and what each model is."""
+    """The number of values within their accuracy, all values, and a description of each model."""
     right = labels.counted(int((abs(data["difference"]) <= data["accuracy"]).sum()), data.sizes["case"], "value")
     agree = "agrees" if right.startswith("every") else "agree"
     yield (

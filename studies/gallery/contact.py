@@ -59,7 +59,7 @@ def check(duration: Any, most: Any, **others: Any) -> None:
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """How hard the contact is loaded and how fast it slips."""
+    """Peaks of normal force and slip speed at each speed, limit cycles, and statistics."""
     points = [dataset.isel(V=k) for k in range(dataset.sizes["V"])]
     for point in points:
         force, speed = (labels.number(float(labels.readable(point[f"{name}_999"]))) for name in PEAKS)
@@ -89,9 +89,9 @@ def cycle_text(point: xr.Dataset) -> str:
         kind = "stable" if value["cycle_multiplier"] < 1.0 else "unstable"
         return (
             f"The limit cycle at {where} has a frequency of {frequency} Hz, a largest normal force of {force} N "
-            f"and a largest slip speed of {speed} mm/s. It is {kind}: its largest Floquet multiplier is {multiplier}. "
-            f"The motion follows it for a fraction of {share} of the time: normal force and velocity of B differ "
-            f"from the cycle's by less than {cycles.NEAR:g} of their standard deviations."
+            f"and a largest slip speed of {speed} mm/s. It is {kind}: its largest Floquet multiplier is "
+            f"{multiplier}. The motion follows it for a fraction of {share} of the time: normal force and velocity of "
+            f"B differ from the cycle's by less than {cycles.NEAR:g} of their standard deviations."
         )
     why = "the search starts from a run that repeats itself without long sticks, and no run does"
     if np.isfinite(value["cycle_d2"]):

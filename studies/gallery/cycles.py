@@ -38,7 +38,7 @@ def bifurcations(
 
 
 def check(V: Any, hold: Any, **others: Any) -> None:
-    """Refuse what cannot be run."""
+    """Refuse parameters with which no scene can be simulated."""
     if np.min(V) <= 0.0:
         raise InputError(f"V = {np.min(V):g}: it must be above 0; (-theta, -V) is the mirror image of (theta, V)")
     following.check(hold, V, member=1.0, **others)
@@ -53,7 +53,7 @@ def each_point(dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """Where there are stable and unstable cycles, where they begin and end, and what runs say beside them."""
+    """Ranges of stable and unstable cycles, their folds and onsets, and what runs and knocks show."""
     name, rows = following.followed(dataset), []
     unit, factor = labels.unit_of(dataset[name])
     for text, point in each_point(dataset):

@@ -34,7 +34,7 @@ CLAIMS = tuple(
 
 
 def coords(rig: Rig | Structure) -> dict[str, Axis]:
-    """The numbers of the modes."""
+    """The modes, numbered from 1."""
     count = sliding_modes(rig, 0.0, 0.0, BAND).frequency.size
     return {
         "mode": Axis(np.arange(1, ROOM * (count // ROOM + 2) + 1), "1", "mode, by its frequency without friction")
@@ -42,7 +42,7 @@ def coords(rig: Rig | Structure) -> dict[str, Axis]:
 
 
 def modes(rig: Rig, theta: float, mu: np.ndarray) -> dict[str, np.ndarray]:
-    """Frequency and growth rate of all modes of steady sliding below 10 kHz, which keep their numbers along mu."""
+    """Frequency and growth rate of all modes of steady sliding below 10 kHz; a mode keeps its number along mu."""
     modes = followed_modes(rig, theta, mu, BAND)
     return {"frequency": modes.frequency, "growth_rate": modes.growth_rate}
 

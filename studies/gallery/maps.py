@@ -1,4 +1,4 @@
-"""Maps: what is computed over one or two parameters that a request chooses."""
+"""Maps of a quantity over one or two parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several contacts below P1's tip in place of the point: how a foot changes the onset and the motion."""
+"""Several contacts on a rigid foot below P1's tip in place of the point contact: onset and motion."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ foot = lru_cache(maxsize=64)(on_foot)
 
 @lru_cache(maxsize=64)
 def onset(own: Structure) -> tuple[float, float]:
-    """The lowest friction at which steady sliding is unstable, and its frequency, Hz, 0 where it diverges."""
+    """The lowest friction at which steady sliding is unstable, and its frequency, Hz; 0 for divergence."""
     found = flutter_onsets(own, 0.0)
     flutter = *found.mu[:1].tolist(), *found.frequency[:1].tolist()
     return flutter if flutter and not found.divergence_mu < flutter[0] else (found.divergence_mu, 0.0)
 
 
 def closed(own: Structure, mu: float) -> float:
-    """Number of contacts that are closed in steady sliding; NaN where there is none."""
+    """Number of contacts that are closed in steady sliding; NaN if there is no steady sliding."""
     try:
         return float((steady_forces(own, mu) > 0.0).sum()) if own.several and mu >= 0.0 else 1.0
     except InputError:
@@ -56,7 +56,7 @@ def closed(own: Structure, mu: float) -> float:
 
 
 def growth(own: Structure, mu: float) -> float:
-    """Growth rate of steady sliding's least stable mode, 1/s; NaN where there is no steady sliding."""
+    """Growth rate of the least stable mode of steady sliding, 1/s; NaN if there is no steady sliding."""
     return float(largest_growth(own, 0.0, mu)[0]) if closed(own, mu) > 0.0 else np.nan
 
 
@@ -64,7 +64,7 @@ def motions(
     rig: Rig, V: Any, theta: Any, mu: Any, F: Any, nodes: Any, finer: Any, foot_length: float, members: int,
     **options: Any,
 ) -> dict[str, Any]:  # fmt: skip
-    """Onset of each foot, and the motion on it."""
+    """Onset and motion of each foot."""
 
     def jobs(V: float, theta: float, mu: float, F: float, nodes: float, finer: float) -> list[Job]:
         own = foot(rig, theta, int(nodes), foot_length)
@@ -85,7 +85,7 @@ def motions(
 
 
 def check(rig: Rig, nodes: Any, finer: Any, foot_length: Any, **others: Any) -> None:
-    """Refuse a foot that P2 does not carry, and what cannot be run."""
+    """Refuse a foot longer than P2 can carry, and parameters with which no scene can be simulated."""
     for count in np.ravel(nodes):
         checks.count("nodes", count, MOST)
     checks.between("finer", np.min(finer), 1.0, 1e3, "1")
@@ -97,7 +97,7 @@ def check(rig: Rig, nodes: Any, finer: Any, foot_length: Any, **others: Any) -> 
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """What a foot changes against a point, how much the number of nodes and the step matter, and all numbers."""
+    """Onset and motion on a foot and on a point, and the influence of the number of nodes and of the step."""
     table = labels.frame(dataset[[*ABOUT]].max(("mu", "finer")), ["nodes", *ABOUT])
     point, feet = table[table["nodes"] == 1], table[table["nodes"] > 1].dropna()
     if len(point) and len(feet):

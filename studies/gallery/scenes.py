@@ -53,7 +53,7 @@ def motions(
 
 
 def check(duration: Any, settle: Any, **others: Any) -> None:
-    """Refuse what cannot be run."""
+    """Refuse parameters with which no scene can be simulated."""
     for name, value in (("duration", duration), ("settle", settle)):
         if value is not None:
             checks.between(name, np.min(value), 1e-6 if name == "duration" else 0.0, 1e6, "s, or auto")
@@ -61,7 +61,7 @@ def check(duration: Any, settle: Any, **others: Any) -> None:
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """How many scenes move in which way, and the first of them."""
+    """The number of scenes in each regime, and a table of the first scenes."""
     numbers = np.bincount(regimes.kinds(dataset).ravel(), minlength=len(regimes.KINDS))
     counts = ", ".join(f"{n} {kind}" for n, kind in zip(numbers, regimes.KINDS, strict=True) if n)
     yield f"{numbers.sum()} scene{'s' * (numbers.sum() != 1)}, {regimes.damping_text(dataset)}: {counts}."
@@ -78,7 +78,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """Regimes, or where the state of several contacts was recorded, who sticks, slips and is open."""
+    """Regimes; or, where the state of several contacts was recorded, the state of each contact over time."""
     recorded = "contact_state" in dataset and bool((dataset["status"] == DONE).any())
     if recorded:
         return contacts.draw(dataset)

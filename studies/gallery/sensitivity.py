@@ -1,4 +1,4 @@
-"""Which parameters of the rig move the flutter onsets of three pairs of modes, and how far."""
+"""Sensitivity of the flutter onsets of three pairs of modes to each parameter of the rig."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ OUTPUTS = {
 
 
 def sensitivities(rig: Rig, theta: Any, parameter: Any, pairs_theta: float, mu_max: float) -> dict[str, Any]:
-    """The outputs at each point; NaN for a pair without an onset, so for all at theta <= 0."""
+    """The outputs at each point; NaN for a pair without an onset, so for all pairs at theta <= 0."""
     results = {name: np.full((len(theta), PAIRS), 0.0 if name == "fold" else np.nan) for name in OUTPUTS}
     for row, (angle, name) in enumerate(zip(theta.tolist(), parameter.tolist(), strict=True)):
         onsets, places = pairs_at(rig, angle, pairs_theta, mu_max)
@@ -63,13 +63,13 @@ def of_structure(own: Structure) -> dict[str, Parameter]:
 
 
 def check(pairs_theta: float, mu_max: float) -> None:
-    """Refuse an inclination without pairs."""
+    """Refuse an inclination without unstable pairs."""
     checks.between("pairs_theta", pairs_theta, 1e-6, 89.999, "degrees")
     checks.friction(mu_max)
 
 
 def ranked(dataset: xr.Dataset) -> xr.Dataset:
-    """The inclination nearest to where pairs are numbered; parameters by their largest sensitivity of mu."""
+    """The inclination at which pairs are numbered, and the parameters by their largest sensitivity of mu."""
     at = dataset.sel(theta=float(dataset["pairs_theta"]), method="nearest").load()
     ends = zip(*(at[name].max("parameter").values for name in ("onset_mu", "onset_frequency")), strict=True)
     text = ["no onset" if np.isnan(mu) else f"{hertz:.0f} Hz, onset at μ = {mu:.4f}" for mu, hertz in ends]
@@ -78,7 +78,7 @@ def ranked(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def text_of(name: str) -> str:
-    """A parameter as a reader calls it: length of P1, contact position, θ."""
+    """The name of a parameter in a table: length of P1, contact position, θ."""
     return RIG[name].text if name[:3] in ("p1_", "p2_") else labels.title(name)
 
 
