@@ -142,8 +142,7 @@ def _padded(name: str, value: Any, count: int, shape: tuple[int, ...] | None, re
 
 
 def finish(derive: Any, dims: Any, about: Mapping[str, Any], moves: bool, dataset: xr.Dataset) -> xr.Dataset:
-    """Add the fixed parameters as scalar coordinates, and the variables that the study derives on its own
-    dimensions.
+    """Add fixed parameters as scalar coordinates, and what the study derives on its own dimensions.
 
     A study of moving scenes also gets the unstable modes above the band.
     """

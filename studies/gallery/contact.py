@@ -90,8 +90,8 @@ def cycle_text(point: xr.Dataset) -> str:
         return (
             f"The limit cycle at {where} has a frequency of {frequency} Hz, a largest normal force of {force} N "
             f"and a largest slip speed of {speed} mm/s. It is {kind}: its largest Floquet multiplier is "
-            f"{multiplier}. The motion follows it for a fraction of {share} of the time: normal force and velocity of "
-            f"B differ from the cycle's by less than {cycles.NEAR:g} of their standard deviations."
+            f"{multiplier}. The motion follows it for a fraction of {share} of the time: normal force and "
+            f"velocity of B differ from the cycle's by less than {cycles.NEAR:g} of their standard deviations."
         )
     why = "the search starts from a run that repeats itself without long sticks, and no run does"
     if np.isfinite(value["cycle_d2"]):
