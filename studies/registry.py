@@ -1,7 +1,7 @@
-"""The studies: predefined, installed (entry points `fiv.studies`), or a file of one's own.
+"""The studies: predefined, installed (entry points `fiv.studies`), or a user's file.
 
-A study's module is imported when it is requested. A result holds the name of its study and nothing more: only a
-path that a user types is run.
+A study's module is imported on request. A result stores only the name of its study: a file of Python runs only if
+the user types its path.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def installed() -> dict[str, EntryPoint]:
 
 
 def names() -> list[str]:
-    """Every study with a name: the predefined ones, then the installed ones."""
+    """Names of all studies: the predefined ones, then the installed ones."""
     return [*NAMES, *sorted(installed())]
 
 
@@ -79,7 +79,7 @@ def register(study: Study, where: str = "name") -> Study:
 
 
 def typed(name: str) -> str | None:
-    """Return the argument of `fiv run` for a study: its name, or its file if it is the user's own; else None."""
+    """The argument of `fiv run` for a study: its name, or the file of a user's study; else None."""
     return name if name in names() else _files.get(name)
 
 
@@ -116,7 +116,7 @@ def load(name: str) -> Study:
 
 
 def maps() -> dict[str, Study]:
-    """The studies of `fiv map` by what they compute."""
+    """The studies of `fiv map` by their quantities."""
     from studies.gallery.maps import STUDIES
 
     return STUDIES

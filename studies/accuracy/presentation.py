@@ -22,16 +22,14 @@ GROUPS = {"paper's rig": True, "random rigs": False}
 MARKERS, MISMATCH = "*Pos^vDXd<>p", "error / tolerance, rms"
 _ALLOWED = ", ".join(f"{text} {100.0 * tolerance:g} %" for text, _, tolerance in errors.QUANTITIES.values())
 TERMS = f"""CPU s/s: CPU time per simulated second, mean over scenes. CPU s to SE: CPU time until the standard
-error of each fraction of time is {errors.STANDARD_ERROR:g}. Speed-up: relative to the published scheme, over
-the scenes that both computed. Error: error divided by tolerance, root mean square over statistics and scenes;
-SE: the error that standard errors alone would give. Fractions of time: their largest error in percentage
-points. Scenes within: scenes in which each error is below its tolerance ({_ALLOWED}; percentage points for
-fractions of time) plus {errors.ERRORS_ALLOWED:g} standard errors, and that of the first slip below {
-    100.0 * errors.FIRST_SLIP:g} %. {FAST} with {PUBLISHED} is compared with the published scheme ({
-    ", ".join(SCHEME)
-}). All
-others, the published scheme included, are compared with {", ".join(GIVEN)}, which solves the model without
-numerical damping; {settings.PAPER} with {MODEL} checks this reference."""
+error of each fraction of time is {errors.STANDARD_ERROR:g}. Speed-up: relative to the published scheme, over the
+scenes that both computed. Error: error divided by tolerance, root mean square over statistics and scenes; SE: the
+error that standard errors alone would give. Fractions of time: their largest error in percentage points. Scenes
+within: scenes in which each error is below its tolerance ({_ALLOWED}; percentage points for fractions of time)
+plus {errors.ERRORS_ALLOWED:g} standard errors, and that of the first slip below {100.0 * errors.FIRST_SLIP:g} %.
+{FAST} with {PUBLISHED} is compared with the published scheme ({", ".join(SCHEME)}). All others, the published
+scheme included, are compared with {", ".join(GIVEN)}, which solves the model without numerical damping;
+{settings.PAPER} with {MODEL} checks this reference."""
 
 
 def table(data: xr.Dataset) -> pd.DataFrame:

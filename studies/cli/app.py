@@ -61,7 +61,7 @@ def fiv(context: click.Context) -> None:
 
 
 def command(name: str, short: str, *options: Any, kind: type[click.Command] | None = None) -> Decorator:
-    """A command with its options and those of all commands, and its line in the list of commands."""
+    """Add a command with its options, the options of all commands, and its line in the list of commands."""
 
     def decorate(function: Callable[..., Any]) -> click.Command:
         for option in reversed((*options, VERBOSE, QUIET, HELP)):
@@ -73,7 +73,7 @@ def command(name: str, short: str, *options: Any, kind: type[click.Command] | No
 
 @contextmanager
 def warned(report: Callable[[str], None]) -> Iterator[None]:
-    """Report warnings as lines: of unusual values, of mixed environments, of libraries."""
+    """Report warnings as lines, such as those on unusual values, mixed environments, and libraries."""
     with warnings.catch_warnings():
         warnings.simplefilter("default", UserWarning)
         warnings.showwarning = lambda text, *_: report(f"fiv: {text}")

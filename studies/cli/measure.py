@@ -1,4 +1,4 @@
-"""The command that looks at a measured signal. Heavy packages are imported inside it."""
+"""The command `measure` for measured signals. Heavy packages are imported inside it."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def measure(file: str, band: str, **which: Any) -> None:
 
 
 def beside(study: Study, file: str | None, **which: Any) -> Study:
-    """The study, with the measured signal of a file in its figure if one is given."""
+    """The study whose figure also shows the measured signal of a file, if one is given."""
     from studies.answering import measured
     from sweeps import InputError
 

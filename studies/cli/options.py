@@ -1,4 +1,4 @@
-"""Arguments and options that commands share. Nothing heavy is imported, so that `fiv --help` answers at once."""
+"""Arguments and options that commands share. No heavy package is imported, so that `fiv --help` is fast."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def _studies(context: click.Context, argument: click.Parameter, incomplete: str)
 
 
 def result_names(out: str | None = None) -> list[str]:
-    """Names of what the results folder seems to hold, without a look into it."""
+    """Names of results in the results folder, by file names only."""
     return sorted({path.name.partition(".nc")[0] for path in _folder(out).glob("*/[!.]*.nc*")})
 
 
 def rig_names(out: str | None = None) -> list[str]:
-    """Names of the folders that rigs have there: those with a file of theirs, and the paper's."""
+    """Names of the rigs with a folder there: those with a rig file, and the paper's."""
     folder = _folder(out)
     return sorted({path.parent.name for path in (*folder.glob("*/rig.toml"), *folder.glob("paper/*/[!.]*.nc"))})
 

@@ -34,7 +34,7 @@ def progress(todo: int) -> Iterator[Progress | None]:
 
 
 def described(snapshot: Snapshot) -> list[str]:
-    """Failures, rate and time left of a run, as far as they are known."""
+    """Failures, rate and remaining time of a run, as far as they are known."""
     from sweeps import duration
 
     texts = [f"{snapshot.failed} failed"] if snapshot.failed else []
@@ -43,7 +43,7 @@ def described(snapshot: Snapshot) -> list[str]:
 
 
 def announce_compiling() -> None:
-    """Print a line when the first kernel is compiled: in the first run of an installation that can keep it."""
+    """Print a line when the first kernel is compiled, once for an installation that caches it."""
     from numba.core import caching, event
 
     class Compiling(event.Listener):

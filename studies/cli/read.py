@@ -59,7 +59,7 @@ def list_studies(study: str | None, out: str | None) -> None:
 
 
 def _study(name: str, out: str | None) -> tuple[Study, int]:
-    """A study, or that of a result in the folder, and the number of its points."""
+    """A study, by its name or from a result in the folder, and its number of points."""
     from studies import registry, runner
     from studies.answering import results
     from studies.asking.sweep import sweep_of
@@ -107,7 +107,7 @@ def _table(rows: list[dict[str, str]]) -> str:
 
 
 def _grouped(out: str | None) -> str:
-    """The results of the folder, then those of each rig under its name and numbers; "" if there are none."""
+    """The results of the folder, then those of each rig below its name and numbers; "" if there are none."""
     parts = [_table(_rows(out))] if result_names(out) else []
     for name in rig_names(out):
         from studies.answering.results import results_folder
@@ -135,7 +135,7 @@ def _rows(out: str | None) -> list[dict[str, str]]:
 
 
 def _row(file: Path, size: float, date: float) -> dict[str, str]:
-    """A result in the table of the results folder; as `Snapshot` it counts computations until it is whole."""
+    """The row of a result in the table of the results folder; an unfinished one counts computations."""
     from datetime import datetime
 
     import sweeps
@@ -298,7 +298,7 @@ def report(targets: tuple[str, ...], rig: str | None, out: str | None, file: str
 
 
 def _place(rig: str | None, out: str | None, target: str | None = None) -> str | None:
-    """The results folder that is read, of a rig its own; one that is named must exist."""
+    """The results folder to read, or that of a rig; one that is named must exist."""
     from studies.answering.results import existing, is_script
     from studies.asking import rigs
 
@@ -308,7 +308,7 @@ def _place(rig: str | None, out: str | None, target: str | None = None) -> str |
 
 
 def _file(target: str, out: str | None) -> Path:
-    """The file of the result that STUDY|PATH names, with a note where it is the reference's."""
+    """The file of the result that STUDY|PATH names, with a note if it is the reference's."""
     from studies import registry
     from studies.answering import results
     from studies.declaring.parameters import suggest

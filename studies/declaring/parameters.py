@@ -108,9 +108,7 @@ class Parameter:
 
 
 def suggest(name: str, names: Any) -> str:
-    """Suggest a similar name, also one that differs by a letter or contains this one: 'did you mean ...? ', else
-    ''.
-    """
+    """A hint, 'did you mean ...? ', at names that are similar or contain this one; else ''."""
     known, long = list(names), len(name) > 2
     near = difflib.get_close_matches(name, known, 1, 0.6 if long else 0.5)
     near += [each for each in known if each.endswith(f"_{name}")]

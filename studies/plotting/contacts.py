@@ -1,4 +1,4 @@
-"""Who sticks, slips and is open, over time and along the contacts of a structure with several."""
+"""Figure of the state of several contacts, over time and along the contacts."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ WIDE, CLOSE, NUMBERED = 1500, 300, 12
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """The recorded `contact_state` of the first point that is done, all of it and its end, and shares of time.
+    """Draw the recorded `contact_state` of the first computed point, whole and at its end, and fractions of time.
 
-    Where a column has many samples its colour is the mean of theirs, so that no switch is lost.
+    The colour of a pixel column is the mean over its samples, so that short states remain visible.
     """
     from matplotlib.colors import to_rgb
     from matplotlib.ticker import MaxNLocator

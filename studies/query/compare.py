@@ -1,4 +1,4 @@
-"""Two rigs beside each other, from their results: numbers, onsets, modes that grow, regimes."""
+"""Comparison of two rigs from their results: numbers, onsets, unstable modes, regimes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CROSSINGS = {"onset": "Flutter onsets", "recovery": "Recoveries"}
 
 
 def parts(pair: Pair, motions: Mapping[str, Pair]) -> Iterator[Any]:
-    """Sentences, and tables with their captions; `motions` has by study results of both that know the regime."""
+    """Sentences, and tables with their captions; `motions` are results of both rigs with regimes, by study."""
     yield first(pair)
     yield "Numbers that differ", numbers(pair)
     for kind, caption in CROSSINGS.items():
@@ -39,7 +39,7 @@ def parts(pair: Pair, motions: Mapping[str, Pair]) -> Iterator[Any]:
 
 
 def first(pair: Pair) -> str:
-    """Where each begins to squeal, in a sentence."""
+    """The onset of each rig, in a sentence."""
     texts = list[str]()
     for name, data in pair.items():
         last = float(data["mu"][-1])
@@ -53,7 +53,7 @@ def first(pair: Pair) -> str:
 
 
 def numbers(pair: Pair) -> pd.DataFrame:
-    """The numbers by which the rigs differ, a structure as a whole."""
+    """The numbers in which the rigs differ; a structure counts as a whole."""
     rows = list[tuple[str, ...]]()
     if structures := {name: content for name, data in pair.items() if (content := structure_in(data))}:
         texts = {name: repr(Structure.from_dict(each)) for name, each in structures.items()}
@@ -68,7 +68,7 @@ def numbers(pair: Pair) -> pd.DataFrame:
 
 
 def crossings(pair: Pair, kind: str) -> pd.DataFrame:
-    """Onsets or recoveries of each rig, ascending in mu, a row for the n-th of both."""
+    """Onsets or recoveries of each rig, ascending in mu; the n-th row has the n-th of both."""
     columns = {
         f"{name} {head}": pd.Series(data[f"{kind}_{which}"].values, dtype=float)
         for name, data in pair.items()
@@ -78,12 +78,12 @@ def crossings(pair: Pair, kind: str) -> pd.DataFrame:
 
 
 def common_friction(pair: Pair) -> float:
-    """The paper's friction, or the largest below it at which both were computed."""
+    """The paper's friction, or the largest friction below it at which both were computed."""
     return min(paper.MU, *(float(data["mu"][-1]) for data in pair.values()))
 
 
 def growing(pair: Pair, mu: float) -> pd.DataFrame:
-    """Frequency and growth rate of the modes that grow at the value of the grid nearest to a friction."""
+    """Frequency and growth rate of the unstable modes at the value of the grid nearest to a friction."""
     rows = list[tuple[str, float, float]]()
     for name, data in pair.items():
         at = data.sel(mu=mu, method="nearest")
@@ -93,7 +93,7 @@ def growing(pair: Pair, mu: float) -> pd.DataFrame:
 
 
 def regimes(study: str, pair: Pair) -> Iterator[Any]:
-    """How many points of both have the same regime, and which regimes are where they differ."""
+    """The number of common points with equal regimes, and the regimes that differ."""
     found = [data[["regime", "status"]] for data in pair.values()]
     if all(data.sizes.get("theta") == 1 for data in found):
         found = [data.isel(theta=0, drop=True) for data in found]  # a number of each rig

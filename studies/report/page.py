@@ -50,18 +50,18 @@ def write(
 
 
 def names(targets: Sequence[str], out: str | Path | None) -> list[str]:
-    """The results that the page shows, by name or path."""
+    """The results on the page, by name or path."""
     names = [registry.resolve(each).name if results.is_script(each) else each for each in dict.fromkeys(targets)]
     return names or everything(results.results_folder(out))
 
 
 def version(file: Path) -> tuple[Any, ...]:
-    """A value that changes when a result does, or a run of it begins or ends."""
+    """A value that changes when a result changes, or when a run of it begins or ends."""
     return sweeps.Store(file).is_locked(), *sweeps.Store(file).version()
 
 
 def everything(folder: Path) -> list[str]:
-    """Every result of a folder in the order of the studies, and the reference of studies that it lacks."""
+    """All results of a folder in the order of the studies, and the reference of missing studies."""
     own, order, reference = results.stored(folder), registry.names(), results.reference_folder(folder)
     if not own:
         show = f"; show the reference with: fiv report --out {reference} --file report.html"
@@ -98,7 +98,7 @@ def opened(
 
 
 def of_reference(sections: Sequence[Section]) -> str:
-    """A line that names the studies which are shown by the reference; "" if none is."""
+    """A sentence that names the studies shown from the reference; "" if there are none."""
     studies = [result for result, _ in sections if result.name in registry.names()]
     theirs = [result.name for result in studies if result.is_reference]
     own, from_project = len(studies) - len(theirs), "the project's reference"
@@ -109,7 +109,7 @@ def of_reference(sections: Sequence[Section]) -> str:
 
 
 def page(sections: Sequence[Section], broken: Sequence[str]) -> str:
-    """The whole page; equal results give equal pages."""
+    """The HTML of the page; equal results give equal pages."""
     environment = Environment(autoescape=True, undefined=StrictUndefined, loader=FileSystemLoader(HERE))
     style, player, script = ((HERE / name).read_text("utf-8") for name in ("page.css", "player.js", "page.js"))
     script = player + script
@@ -148,7 +148,7 @@ def datatables(kind: str) -> str:
 
 
 def symbols() -> pd.DataFrame:
-    """Every parameter of a scene and its rig, with the paper's value."""
+    """The parameters of a scene and its rig, with the paper's values."""
     rows = [
         (labels.SYMBOLS.get(name, name), p.text, labels.named(name, p.default, p.units).partition(" = ")[2])
         for name, p in KNOWN.items()

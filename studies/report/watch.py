@@ -1,4 +1,4 @@
-"""The page while results are computed: written again when they change, and served to this machine alone."""
+"""The report during runs: written again after changes, and served to this machine only."""
 
 from __future__ import annotations
 

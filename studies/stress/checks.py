@@ -67,7 +67,7 @@ class RunSpec:
 
     @cached_property
     def scene(self) -> Scene:
-        """The scene; an error for numbers that make none."""
+        """The scene; raises where the numbers make none."""
         return Scene(**{name: self.arguments[name] for name in POINT}, rig=self.rig)
 
     @cached_property
