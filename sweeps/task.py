@@ -297,5 +297,5 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def _writable(text: str) -> str:
-    """The text without the characters that a file cannot store: invalid UTF-8 and NUL."""
+    """A text with escapes for what a file cannot store: invalid UTF-8 and NUL."""
     return text.replace("\0", "\\0").encode("utf-8", "backslashreplace").decode("utf-8")

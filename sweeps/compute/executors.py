@@ -63,7 +63,7 @@ def is_pool(scheduler: Any) -> bool:
 
 
 class Backend(AbstractContextManager["Backend"]):
-    """An executor with a number of `workers`, here threads of this process; subclasses override the differences."""
+    """An executor with a number of `workers`, here threads of this process; subclasses differ in the rest."""
 
     window = 2  # submitted batches for each worker at most: one to work on, one that waits
 
@@ -158,7 +158,7 @@ class Pool(Backend):
             self.executor.shutdown(wait=kind is None)
 
     def environments(self, libraries: tuple[str, ...]) -> list[dict[str, str]]:
-        """The environment of one worker, which proves that workers can compute the task; batches bring the others."""
+        """The environment of one worker, which proves that workers can compute; batches bring the others."""
         try:
             return [self.result(self.executor.submit(self._payload.environment, libraries))]
         except (WorkerDied, RuntimeError):

@@ -168,7 +168,7 @@ def open_results(path: str | Path) -> xr.Dataset:
 
 
 def opened(path: str | Path, *, load: bool = True) -> xr.Dataset:
-    """Like `open_results`, with the variables as the file represents them; without `load` only the status is read."""
+    """Like `open_results`, with variables in the form of the file; without `load` only the status is read."""
     store = Store(path)
     if store.is_unfinished():
         try:

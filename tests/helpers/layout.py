@@ -1,4 +1,4 @@
-"""Whether anything in a figure is cut, or lies on something else."""
+"""Detection of clipped and overlapping texts in a figure."""
 
 from itertools import combinations
 from unittest import mock
