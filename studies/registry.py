@@ -130,7 +130,7 @@ def of_quantities(names: Sequence[str]) -> Study:
     for name in names:
         if name not in known:
             main = ", ".join(each for each in known if not each.endswith(("_se", "_std")))
-            raise InputError(f"quantity {name}: there is none; {suggest(name, known)}choose from {main}")
+            raise InputError(f"quantity {name}: no such quantity; {suggest(name, known)}choose from {main}")
     chosen = {known[name]: name for name in reversed(names)}
     if len(chosen) > 1:
         what = " and ".join(reversed(chosen.values()))

@@ -75,7 +75,7 @@ def read(path: str | Path, unit: str | None, rate: float | str | None, channel: 
     if (found := spec.QUANTITY.fullmatch(unit or "")) and found[2]:
         factor, unit = float(found[1]), found[2]
     if not (unit := unit or signal.unit):
-        raise InputError(f"unit missing: {path} has none; give mm/s, or 50mm/s for what 1 in the file is")
+        raise InputError(f"unit missing: {path} names none; give mm/s, or 50mm/s if 1 in the file is 50 mm/s")
     if re.search(r"\bdB", unit, re.I):
         raise InputError(f"unit = {unit}: a level has no phase; record the signal itself, in a unit like mm/s")
     hertz = spec.one(rate, "rate", "Hz") if isinstance(rate, str) else rate

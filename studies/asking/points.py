@@ -120,15 +120,16 @@ def _without_beams(study: Study, requested: Mapping[str, Any], own: Structure) -
     """
     if not study.takes_structure:
         raise InputError(
-            f"rig: study {study.name} needs the paper's beams, which a structure has not; fiv list marks "
-            "those that take one"
+            f"rig: study {study.name} is about the paper's beams and takes no structure; fiv list marks the "
+            "studies that do"
         )
     for name, value in requested.items():
-        text = f"{name} = {getattr(value, 'text', None) or checks.short(value)}"
+        plain = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
+        text = f"{name} = {getattr(value, 'text', None) or checks.short(plain)}"
         if name in RIG and name not in study.own:
             raise InputError(f"{text}: a structure has no such number; leave it out, or change its file")
         if name == "theta" and (hasattr(value, "ppf") or np.any(value)):
-            raise InputError(f"{text}: the modes of a structure have their inclination already; leave it out")
+            raise InputError(f"{text}: the inclination of a structure is part of its modes; leave it out")
     without = {*RIG, *study.own}.difference(requested)
     left = {name: parameter for name, parameter in study.parameters.items() if name not in without}
     if theta := left.get("theta"):

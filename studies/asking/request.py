@@ -235,7 +235,7 @@ def read(file: str | Path, option: str = "--config") -> Request:
                 raise InputError(f"{key} = {value!r}: it must be {allowed}")
         values, scatter = content.pop("set", {}), content.pop("scatter", {})
         if not all(isinstance(word, str) for word in (*scatter.values(), *content.get("record", ()))):
-            raise InputError("scatter and record: their entries must be strings")
+            raise InputError("scatter and record: their values must be strings")
         for name in values.keys() & scatter.keys():
             raise InputError(f"{name}: it is in set and in scatter; give one of the two")
         return Request(**{**content, "values": values | scatter, "record": tuple(content.get("record", ()))})

@@ -69,9 +69,11 @@ STORED = (
 )
 SPECS = "mu=0.2, V=1,2mm/s, mu=0:0.5:101 (start:stop:count), mu=log:1e-3:1:30, V=auto, a word, a distribution"
 KEYS = "set and scatter (tables), study, points, record, sample_rate, samples, seed, scheduler, workers"
-RIG_HELP = "A rig by name (fiv rig), in whose folder results lie; or a file: an own structure, or as for --config."
+RIG_HELP = (
+    "The name of a rig (fiv rig), whose folder gets the results; or a file: a structure, or as for --config."
+)
 RIG = option("--rig", metavar="NAME|FILE", shell_complete=_rigs, help=RIG_HELP)
-RIGS = option("--rig", metavar="NAME", shell_complete=_rigs, help="The rig whose results are meant (fiv rig).")
+RIGS = option("--rig", metavar="NAME", shell_complete=_rigs, help="Read the results of this rig (fiv rig).")
 # Options of `plan` and `run`: the points.
 POINTS = (
     option("--set", "assignments", multiple=True, metavar="NAME=SPEC", help=f"Values of a parameter: {SPECS}."),
@@ -122,6 +124,6 @@ QUERY = (
 FILM: Any = {"is_flag": False, "flag_value": "gif", "type": click.Choice(["gif", "mp4"]), "metavar": "[gif|mp4]"}
 # Options of `plot` and `structure`: what moves.
 MOVING = (
-    option("--animate", "film", **FILM, help="A film of what moves; mp4 needs ffmpeg; default: gif."),
+    option("--animate", "film", **FILM, help="A film of the motion; mp4 needs ffmpeg; default: gif."),
     option("--vtu", is_flag=True, help="What moves as a series that ParaView plays: FILE.pvd."),
 )

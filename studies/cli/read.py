@@ -26,9 +26,9 @@ ONE = target("study", "[STUDY]", required=False)
 SCREEN = 100  # rows of a table that need no note
 
 
-@command("list", "Your results, and the studies: what each asks, its size and its time.", ONE, OUT)
+@command("list", "Your results, and the studies with their questions, sizes and times.", ONE, OUT)
 def list_studies(study: str | None, out: str | None) -> None:
-    """Your results, then the studies: what each asks, its size, and its reference's time on one core.
+    """Your results, then the studies with question, size, and time of the reference on one core.
 
     With the name of one: what the paper says, and all its parameters.
 
@@ -219,7 +219,9 @@ FORM = click.option("--format", "form", type=FORMS, default="png", show_default=
 LOOK = (
     click.option("--width", metavar="LENGTH", help="Width of a column of a journal: 88mm; default: 180mm."),
     click.option(
-        "--title/--no-title", default=True, help="Without: no title, nor what was set below; both are printed."
+        "--title/--no-title",
+        default=True,
+        help="Leave out the title and the settings below the figure; both are printed.",
     ),
     click.option("--font", metavar="FONT", help="A family of fonts, or a .ttf file."),
     click.option(

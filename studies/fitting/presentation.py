@@ -91,9 +91,9 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield "Unknowns", pd.DataFrame(rows, columns=heads)
     silent, pairs = learnt(dataset)
     if silent:
-        yield f"The data say nothing of: {', '.join(silent)}."
+        yield f"The data do not constrain {', '.join(silent)}."
     if pairs:
-        yield f"Known together better than alone (correlation): {', '.join(pairs)}."
+        yield f"Known better together than alone (correlated): {', '.join(pairs)}."
     table, never = [], list[str]()
     for target in targets:
         values, (unit, factor) = dataset[target["name"]].values, labels.unit_of(dataset[target["name"]])
@@ -172,6 +172,10 @@ def _predictions(axes: Axes, dataset: xr.Dataset, targets: Any, weights: Any) ->
 
 def study(dataset: xr.Dataset) -> Study:
     """A study that presents the result of a fit."""
-    about = str(dataset.attrs["sweep"]), str(dataset.attrs["title"]), "Which parameters give what was observed?"
+    about = (
+        str(dataset.attrs["sweep"]),
+        str(dataset.attrs["title"]),
+        "Which parameters agree with the measurements?",
+    )
     figure = draw if "weight" in dataset else None  # a first round that is not finished has none
     return Study(*about, {}, {"-": ("1", "")}, lambda: {}, summary=summarise, figure=figure)

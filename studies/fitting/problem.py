@@ -188,8 +188,8 @@ class _Reader:
             values, widths = _numbers(table["value"], table["within"], units)
         if len(values) != len(entries) or len(widths) != len(entries):
             raise InputError(
-                f"{', '.join(outputs)} has {len(entries)} entries, value {len(values)}, within {len(widths)}: "
-                "choose one entry in at, or give as many values"
+                f"{', '.join(outputs)} has {len(entries)} values, value {len(values)}, within {len(widths)}: "
+                "select one in at, or give as many"
             )
         names = [table.get("name", output) for output, _ in entries]
         for k, (output, entry) in enumerate(entries):

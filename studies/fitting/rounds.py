@@ -49,7 +49,8 @@ def run(problem: Problem, file: Path, how: tuple[Any, Any], watch: Watch, *, fre
         if not np.isfinite(likelihoods).any():
             file.unlink(missing_ok=True)
             never = [t.name for t in problem.model.targets if not np.isfinite(_misfit(t, dataset)).any()]
-            why = f"{', '.join(never)} never has a value or holds" if never else "no draw has all targets together"
+            why = f"no draw gives a value of {', '.join(never)}, or fulfils it"
+            why = why if never else "no draw gives values of all targets"
             raise InputError(f"no draw of {len(z)} survives: {why}; change the priors")
     return dataset
 

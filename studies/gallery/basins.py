@@ -51,7 +51,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     columns = {kind: at["share"].sel(kind=kind) for kind in _occurring(at)}
     columns |= {"least knock mN s": 1e3 * at["knock_threshold"]}
     columns |= {"vibration, from": at["vibration_share_low"], "to": at["vibration_share_high"]}
-    caption = "Share of each motion, and the 95 % interval of that of vibration"
+    caption = "Fraction of starts that lead to each motion, with the 95 % interval of vibration"
     yield caption, table.assign(**{name: column.values for name, column in columns.items()})
 
 
@@ -82,7 +82,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     rows = [["share"], *(below[k : k + 2] for k in range(0, len(below), 2))]
     figure, panels = figures.mosaic([row * (2 // len(row)) for row in rows], *[6.5] * len(rows))
     _draw_shares(panels["share"], at, x)
-    titles = ["share of the starts that lead to each motion"]
+    titles = ["fraction of starts that lead to each motion"]
     if len(moved) == 1:
         titles += ["motion that each start leads to"]
         _draw_starts(panels["starts"], at[x].broadcast_like(at["label"]), at[f"start_{moved[0]}"], at["label"])
@@ -134,7 +134,7 @@ LIMITS = {name: Parameter(np.array([0.0]), units, f"start: {text}; a range, or o
 STUDY = Study(
     name="basins",
     title="Basins: the motion that each start leads to",
-    question="Which share of starts leads to steady sliding, and which to a vibration, where the rig has both?",
+    question="Which fraction of starts leads to steady sliding, and which to vibration, where both are stable?",
     paper="Each scene has one start; where vibration begins is judged by the stability of steady sliding.",
     parameters={
         "V": Parameter(np.array([paper.SPEEDS[1]]), "m s-1", "speed of the drive"),

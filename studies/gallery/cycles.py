@@ -144,8 +144,8 @@ def _draw_point(column: Any, point: xr.Dataset) -> None:
 STUDY = Study(
     name="cycles",
     title="Limit cycles over one parameter",
-    question="Which periodic motions are there, stable or not, where do they begin and end, and do they bound "
-    "what runs and knocks show?",
+    question="Which periodic motions exist, stable or unstable, where do they begin and end, and do they explain "
+    "hysteresis and the smallest knocks?",
     paper="Section 3.5.4: vibration settles to a period of stick, slip and separation.",
     parameters={
         "d2": replace(RIG["d2"], default=np.array([1e-8, 1e-6])),

@@ -57,7 +57,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     table = {"statement": dataset["statement"].values, "section": dataset["section"].values}
     table |= {f"{name} %": 100.0 * each["truth"].values for name, each in both.items()}
     table["points %"] = 100.0 * holding(dataset).values
-    text = "Statements: share of the realisations in which they hold, and of the points at which they do"
+    text = "Statements: fraction of the realisations in which they hold, and of the points at which they do"
     yield text, pd.DataFrame(table).round(1)
     rows = [(float(each["d1"]), *np.sort(each["d2"][each.values].values)[[0, -1]]) for each in best if each.any()]
     yield "Where most statements hold", pd.DataFrame(rows, columns=["d1 1/s", "d2 from s", "to"])
@@ -98,7 +98,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         axes.set(**{"xlabel": ""} if k + across < len(varies) else {}, **{"ylabel": ""} if k % across else {})
     if varies:
         bar = figure.colorbar(mesh, ax=[*panels.values()], location="bottom", aspect=60, pad=0.02)
-        bar.set_label("share of the realisations in which the statement holds")
+        bar.set_label("fraction of the realisations in which the statement holds")
     figure.suptitle(f"Damping and the paper's statements on motion: {int(dataset['members'])} realisations")
     figure.supxlabel(f"statements that hold {text}" if text else "")
     return figure

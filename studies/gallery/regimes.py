@@ -75,7 +75,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     told = f"No scene can be compared with linear stability {BELOW}"
     if compared.any():
         count, right = int(compared.sum()), int(((codes == 0) & compared).sum())
-        scenes = f"every one of {count} scenes" if right == count else labels.counted(right, count, "scene")
+        scenes = f"all {count} scenes" if right == count else labels.counted(right, count, "scene")
         told = f"Linear stability {BELOW} predicts whether the rig vibrates in {scenes}"
     yield f"{told}, {regimes.damping_text(dataset)}."
     table = dataset.assign(dominant_frequency=regimes.dominant_frequency(dataset))

@@ -70,7 +70,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     told = f"The nominal rig {nominally} {where}, in modes below {BAND / 1e3:g} kHz."
     if np.isfinite(nominal):
         told += f" {below:.0f} % of {count} uncertain rigs begin to flutter at a lower mu."
-    all_or_none = {0.0: "Every one flutters", 100.0: "None flutters"}
+    all_or_none = {0.0: "All of them flutter", 100.0: "None of them flutters"}
     told += f" {all_or_none.get(never, f'{never:.3g} % do not flutter')} for mu up to {MU_MAX:g}."
     yield f"{told} Dominant parameters: {', '.join(names) or 'none'}."
     ends = np.array([RISKS, *uncertainty.wilson(RISKS, count)])

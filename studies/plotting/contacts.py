@@ -49,10 +49,10 @@ def draw(dataset: xr.Dataset) -> Figure:
         share = point[f"contact_{name}_fraction"].values
         shares.barh(np.arange(len(state)), share, left=left, color=colour, edgecolor=figures.GREY, label=name)
         left = left + share
-    shares.set(xlabel="share of time", xlim=(0.0, 1.0))
+    shares.set(xlabel="fraction of time", xlim=(0.0, 1.0))
     whole.set(ylabel="contact", ylim=(-0.5, len(state) - 0.5))
     whole.yaxis.set_major_locator(MaxNLocator(NUMBERED, integer=True))
-    figures.letter((whole, close, shares), ("all of the run", "its end", "shares of time"))
+    figures.letter((whole, close, shares), ("all of the run", "its end", "fractions of time"))
     figures.legend_below(figure, [shares])
     place = ", ".join(labels.named(str(dim), point[dim]) for dim in status.dims)
     more = f"; one of {status.size} points" if status.size > 1 else ""

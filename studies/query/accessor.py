@@ -79,7 +79,7 @@ def _numbers(dataset: xr.Dataset, names: Collection[str], at: Mapping[str, float
         dataset = dataset.isel({dim: np.flatnonzero(dataset[name] == value) for dim in dataset[name].dims})
     for name in names:
         if name not in axes:
-            raise InputError(f"{name}: the file does not have it, so the point's scene is not known")
+            raise InputError(f"{name}: it is not in the file, so the scene of the point is unknown")
         if np.unique(dataset[name]).size != 1:
             raise InputError(f"{name}: give one of its values, like {name}={dataset[name].values.flat[0]}")
     return {name: np.unique(dataset[name])[0].item() for name in names}

@@ -189,7 +189,7 @@ class Pool(Backend):
     def _lost(self) -> ClusterLostError:
         kept = "the same run continues from what is stored; " * (self._payload.probe is not None)
         advice = "a function that makes such executors isolates the point that kills them"
-        return ClusterLostError(f"{self.name} is broken, for a worker has died; {kept}{advice}")
+        return ClusterLostError(f"{self.name} is broken, since a worker died; {kept}{advice}")
 
 
 def _size(executor: Any) -> int:

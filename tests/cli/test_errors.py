@@ -36,11 +36,14 @@ WRONG = [
     ("run fig5 --set tehta=8", "tehta: study fig5 has no such parameter; did you mean theta?"),
     ("run fig5 --set mu=-0.2", "mu = -0.2: it must be a number from 0 to"),
     ("run fig5 --set mu", "--set 'mu': it must be NAME=VALUE, for example mu=0:0.5:101"),
-    ("run fig5 --set p1_length=50 --strict", "p1_length = 50 m is unusual: 0.005 to 2 m is usual; mm without"),
+    (
+        "run fig5 --set p1_length=50 --strict",
+        "p1_length = 50 m is unusual: 0.005 to 2 m is usual; mm without the unit? --strict refuses unusual values",
+    ),
     ("plan scenes --set V=1e-3,2mm/s", "V = '1e-3,2mm/s': 1e-3 beside 2mm/s: write 1e-3mm/s, or 1e-3 m s-1; the"),
     ("plan scenes --record velocity_B --sample-rate 20km", "sample_rate = '20km': km is a length"),
     ("map --x theta --quantity growth_rate", "--x or --y 'theta': it must be NAME=VALUE"),
-    ("map --x theta=1:5:3 --quantity loud", "--quantity loud: there is none"),
+    ("map --x theta=1:5:3 --quantity loud", "--quantity loud: no such quantity"),
     ("map --x theta=1:5:3 --quantity growth_rate --fix nu=1", "--fix nu: growth_rate does not depend on it; did"),
     ("report fig55", "no result 'fig55' in results, which is empty; compute it with fiv run"),
     ("query mine", "no result 'mine'; the folder "),
@@ -135,6 +138,8 @@ def test_what_is_in_the_way_is_exit_3_and_stays(here, tmp_path, taken, said):
     done = here("run", "fig5", "--set", "mu=0.1,0.2", "-q")
     assert (done.returncode, done.stderr.count("\n")) == (3, 1)
     assert said in done.stderr
+    assert done.stderr.count("move it away") < 2
+    assert "keep both" not in done.stderr
     assert (tmp_path / taken).read_text() == "mine"
 
 
@@ -242,6 +247,9 @@ def test_a_refused_folder_comes_with_a_command_that_works(here):
     assert (done.returncode, offered.endswith("--out mu-0.1,0.2-theta-8")) == (3, True)
     assert here(*shlex.split(offered)).returncode == 0
     assert "for example" not in here("run", "fig5", "--set", "theta=8", "--out", "results").stderr
+    # So many modes more that outputs get another shape.
+    done = here("run", "fig5", "--set", "mu=0.1,0.2", "--set", "p1_length=6")
+    assert (done.returncode, "p1_length = 0.05 there, 6.0 here; choose" in done.stderr) == (3, True)
 
 
 @pytest.mark.parametrize(

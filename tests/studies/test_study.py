@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import studies
 from fivcore import Beam, Rig, flutter_onsets, sliding_modes
@@ -308,3 +309,13 @@ def test_an_output_that_is_added_leaves_the_others_as_they_are(tmp_path):
     data = computed(lambda x: {"y": x / 3.0, "both": np.stack([x, -x], 1)}, more, coords={"side": sides})
     assert data["y"].values.tobytes() == before["y"].values.tobytes()
     assert data["both"].values.tolist() == [[1.0, -1.0], [2.0, -2.0], [3.0, -3.0]]
+
+
+@pytest.mark.parametrize(
+    ("duration", "said"), [(1e-3, ""), (np.nan, ""), (0.6, ""), (3.0, "moves 4 %"), (345.0, "460 %")]
+)
+def test_a_drive_that_moves_far_is_named_with_the_contact_that_stays(tmp_path, duration, said):
+    data = xr.Dataset({"V": 2e-3, "simulated_time": duration, "p2_length": 0.15, "contact_position": 0.08})
+    text = runner.RunResult(registry.load("scenes"), data, tmp_path, []).fixed_contact()
+    assert said in text
+    assert bool(said) == text.endswith("a real contact would travel along, here it stays at 80 mm")
