@@ -1,4 +1,4 @@
-"""Numbers printed in the paper, with their places.
+"""Numbers printed in the paper, with the sections where they appear.
 
 Meziane, Baillet, Laulagnet, Applied Acoustics 71 (2010) 843-853.
 """

@@ -1,7 +1,7 @@
-"""The studies: predefined, installed (entry points `fiv.studies`), or a file of one's own.
+"""The studies: predefined, installed (entry points `fiv.studies`), or a user's file.
 
-A study's module is imported when it is requested. A result holds the name of its study and nothing more: only a
-path that a user types is run.
+A study's module is imported on request. A result stores only the name of its study: a file of Python runs only if
+the user types its path.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def installed() -> dict[str, EntryPoint]:
 
 
 def names() -> list[str]:
-    """Every study with a name: the predefined ones, then the installed ones."""
+    """Names of all studies: the predefined ones, then the installed ones."""
     return [*NAMES, *sorted(installed())]
 
 
@@ -88,7 +88,7 @@ def register(study: Study, where: str = "name") -> Study:
 
 
 def argument_of(name: str) -> str | None:
-    """Return the argument of `fiv run` for a study: its name, or its file if it is the user's own; else None."""
+    """The argument of `fiv run` for a study: its name, or the file of a user's study; else None."""
     return name if name in names() else _files.get(name)
 
 
@@ -125,7 +125,7 @@ def load(name: str) -> Study:
 
 
 def maps() -> dict[str, Study]:
-    """The studies of `fiv map` by what they compute."""
+    """The studies of `fiv map` by their quantities."""
     from studies.gallery.maps import STUDIES
 
     return STUDIES
@@ -139,7 +139,7 @@ def of_quantities(names: Sequence[str]) -> Study:
     for name in names:
         if name not in known:
             main = ", ".join(each for each in known if not each.endswith(("_se", "_std")))
-            raise InputError(f"quantity {name}: there is none; {suggest(name, known)}choose from {main}")
+            raise InputError(f"quantity {name}: no such quantity; {suggest(name, known)}choose from {main}")
     chosen = {known[name]: name for name in reversed(names)}
     if len(chosen) > 1:
         what = " and ".join(reversed(chosen.values()))

@@ -1,4 +1,4 @@
-"""The way of a study through the house: declared, planned, computed, stored, drawn."""
+"""From a declared study to stored and drawn results: plan, execute, draw."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ class RunResult:
     figures: list[Path]
 
     def beside_reference(self) -> str:
-        """How far it is from the reference, in a line; "" where the reference lacks it."""
+        """A sentence on the difference from the reference; "" if the reference lacks the study."""
         file = file_of(self.study.name, reference_folder(self.file.parent.parent))
         if not file.exists() or file.resolve() == self.file.resolve():
             return ""
         return reference.compared(self.study, self.dataset, open_dataset(file))
 
     def fixed_contact(self) -> str:
-        """A line where a point moves P2 further than a fixed contact point is right for; "" elsewhere."""
+        """A warning where P2 moves too far for a fixed contact point; "" elsewhere."""
         data, known = self.dataset, ("simulated_time", "duration", "max_duration")
         time = next((data[name] for name in known if name in data), None)
         if time is None or "V" not in data or "p2_length" not in data:
@@ -184,7 +184,7 @@ def execute(
     *,
     fail_fast: bool = False,
 ) -> RunResult:
-    """Run a study's plan, then draw what its file holds, which may be more than this run's request."""
+    """Run a study's plan, then draw its whole file, which may contain more than the requested points."""
     assert planned.store is not None
     dataset = planned.run(scheduler, workers, progress, fail_fast=fail_fast)
     whole = dataset if planned.points == planned.manifest.grid.size else sweeps.open_results(planned.store)
@@ -192,7 +192,7 @@ def execute(
 
 
 def study_of(dataset: xr.Dataset, whose: str = "dataset") -> Study:
-    """The study of a result, by the name in its file; one whose study is unknown gets the general presentation."""
+    """The study of a result, by the name in its file; an unknown study gets the general presentation."""
     name = str(dataset.attrs.get("sweep", ""))
     if not name or "status" not in dataset:
         raise InputError(f"{whose}: it is not the result of a study; give the file of one")
@@ -209,10 +209,10 @@ def study_of(dataset: xr.Dataset, whose: str = "dataset") -> Study:
 
 
 def draw(study: Study, dataset: xr.Dataset, *, title: bool = True, **look: Any) -> dict[str, Any]:
-    """Figures of a result by what is added to their file's name: "" the study's, "-series" recorded series.
+    """Figures of a result by the suffix of their file: "" for the study's, "-series" for recorded series.
 
-    `look` has the options of `figures.style`. What was set stands below a figure that has a `title`, and what is
-    missing below any.
+    `look` are the options of `figures.style`. Settings stand below a figure with a `title`; missing points are
+    named below each figure.
     """
     from studies.plotting import figures, general
 
@@ -229,7 +229,7 @@ def draw(study: Study, dataset: xr.Dataset, *, title: bool = True, **look: Any) 
 def image(
     study: Study, dataset: xr.Dataset, form: str = "png", *, title: bool = True, **look: Any
 ) -> dict[str, bytes]:
-    """The figures as files that name their origin (`picture_digest`); options as in `draw`."""
+    """The figures as files that contain their origin (`picture_digest`); options as in `draw`."""
     from studies.plotting import figures
 
     with figures.style(**look):
@@ -262,7 +262,7 @@ def plot(study: Study, dataset: xr.Dataset, beside: Path, form: str = "png", **l
 
 
 def animate(moving: Sequence[Moving], beside: Path, form: str | None, vtu: bool) -> list[Path]:
-    """Write what moves beside a file, numbered if several: a film (gif, mp4), a series for ParaView; the paths."""
+    """Write animations beside a file, numbered if several: a film (gif, mp4), a series for ParaView."""
     from studies.plotting import moving as moved
 
     files = dict[str, bytes]()
@@ -280,13 +280,13 @@ def animate(moving: Sequence[Moving], beside: Path, form: str | None, vtu: bool)
 
 
 def moving_of(study: Study, dataset: xr.Dataset) -> list[Moving]:
-    """What moves in a result, nothing in one that its study does not present."""
+    """Animations of a result; none if its study does not present it."""
     shown = summary.presented(study, dataset) if study.animate is not None else None
     return [] if shown is None or study.animate is None else [*study.animate(shown)]
 
 
 def nothing_moves(study: Study) -> str:
-    """Why nothing moves in a result, and in which studies something does."""
+    """The reason why a result has no animation, and the studies that have one."""
     can = ", ".join(name for name in registry.names() if registry.load(name).animate is not None)
     why = "the study has no animation" if study.animate is None else "nothing in this result moves"
     return f"{study.name}: {why}; {can} have one, and structures: fiv structure FILE.toml --animate"
@@ -294,7 +294,7 @@ def nothing_moves(study: Study) -> str:
 
 @contextmanager
 def atomic_write(target: Path) -> Iterator[Path]:
-    """A temporary file beside `target`, renamed to it if all went well, or a `StoreError`."""
+    """Yield a temporary file, which replaces `target` unless an error occurs; a `StoreError` if it cannot."""
     if target.exists() and not target.is_file():
         raise sweeps.StoreError(f"{target} could not be written: it is no file; choose another name")
     temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")

@@ -1,4 +1,4 @@
-"""A study: parameters, the function of them that answers a question, and how the answer is presented."""
+"""A study: parameters, a function of them that answers a question, and the presentation of the answer."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FOLLOW = "follow"
 
 @dataclass(frozen=True)
 class Claim:
-    """A number or a word that the paper prints, and the value of a result that answers it.
+    """A number or a word printed in the paper, and the value of a result to compare with it.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Claim:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A question, the parameters that it is asked over, and the function that answers it at each point.
+    """A question, its parameters, and the function that answers it at each point.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ class Study:
 
     @property
     def takes_structure(self) -> bool:
-        """Whether a structure of one's own can take the place of the beams."""
+        """Whether a user's structure can take the place of the beams."""
         return not self.beams and (self.moves or "rig" in self.takes)
 
     @property
@@ -191,12 +191,12 @@ class Study:
         return self.parameters[name]
 
     def known(self, structure: Any = None) -> list[str]:
-        """Names of the parameters; with a structure without the numbers of the beams and their inclination."""
+        """Names of the parameters; for a structure without the numbers of the beams and their inclination."""
         beams = {*RIG, "theta"}.difference(self.own) if structure is not None else ()
         return [name for name in self.parameters if name not in beams]
 
     def listed(self, structure: Any = None) -> list[str]:
-        """Names for a message: of what each mode of a structure has, the first mode's are enough."""
+        """Names for a message; of the numbers of a structure's modes only those of the first mode."""
         of_others = re.compile(r"_(?!1$)\d+$")
         return [name for name in self.known(structure) if name not in self.own or not of_others.search(name)]
 

@@ -1,4 +1,4 @@
-"""`python -m sweeps` prints the engine's API on a page; `python -m pydoc sweeps.Plan.run` says all of one name."""
+"""`python -m sweeps` prints the engine's API on a page; `python -m pydoc sweeps.Plan.run` documents one name."""
 
 import inspect
 import re
@@ -18,7 +18,7 @@ PAGE = {
 
 
 def call(name: str) -> str:
-    """How a name is called: its parameters without types, and "..." for defaults that have no short form."""
+    """The signature of a name, without types, and with "..." for defaults that have no short form."""
     what = attrgetter(name)(sweeps)
     if inspect.isclass(what) and issubclass(what, (BaseException, sweeps.Plan)):
         return name
@@ -28,7 +28,7 @@ def call(name: str) -> str:
 
 
 def page() -> str:
-    """Every name for users with how it is called and the first sentence of its documentation."""
+    """All public names with their signatures and the first sentence of their documentation."""
     lines = [str(sweeps.__doc__).strip()]
     for head, names in PAGE.items():
         lines += ["", head]

@@ -16,7 +16,7 @@ DAMAGED = f"is damaged or not netCDF; {HINT_MOVE}"
 
 
 def reason(problem: BaseException) -> str:
-    """Return why a disk refuses, in a few words."""
+    """The reason why a file operation failed, in a few words."""
     if isinstance(problem, OSError):
         return problem.strerror or str(problem)
     # The netCDF library gives no other reason when a disk is full.
@@ -24,7 +24,7 @@ def reason(problem: BaseException) -> str:
 
 
 def message(problem: BaseException) -> str:
-    """Return type and message of an exception, in one line."""
+    """Type and message of an exception, in one line."""
     kind = "" if isinstance(problem, InputError) else f"{type(problem).__name__}: "
     return " ".join(f"{kind}{problem}".split())
 
@@ -38,7 +38,7 @@ class LockedError(StoreError):
 
 
 class DamagedError(StoreError):
-    """A part is damaged or gone; `part` is its file name."""
+    """A part is damaged or missing; `part` is its file name."""
 
     def __init__(self, part: str, folder: str = "") -> None:
         super().__init__(f"{part} in {folder} is damaged; the same run computes its points again")
@@ -62,15 +62,15 @@ class PendingWarning(UserWarning):
 
 
 class InputError(ValueError):
-    """An argument is unusable; the message names it, its value and what would do."""
+    """An argument is unusable; the message names it, its value and what is allowed."""
 
 
 class UndeclaredError(InputError):
-    """A function returns a result that its sweep does not declare; no point is blamed for it."""
+    """A function returns a result that its sweep does not declare; no point fails for that reason."""
 
 
 class MissingFileError(InputError, FileNotFoundError):
-    """The file does not exist; the message names it, and what creates it."""
+    """The file does not exist; the message names it, and the command that creates it."""
 
 
 class SchedulerError(InputError):
@@ -78,7 +78,7 @@ class SchedulerError(InputError):
 
 
 class WorkerDied(Exception):  # noqa: N818 - the run handles it
-    """A worker died while it had a batch."""
+    """A worker died while it computed a batch."""
 
 
 class ClusterLostError(RuntimeError):

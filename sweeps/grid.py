@@ -74,7 +74,7 @@ class Axis:
 
 
 def axis_values(values: NDArray[Any]) -> NDArray[Any]:
-    """Values as an axis has them: floats of any width as the float64 of their decimals, others as they are."""
+    """Values in the form of an axis: floats of any width as the float64 of their decimals, others unchanged."""
     if values.dtype.kind != "f":
         return values
     if values.dtype.itemsize < 8:
@@ -146,23 +146,23 @@ class Variable:
 
     @property
     def missing(self) -> Any:
-        """The value where there is no result; of the types that a file can have."""
+        """The value for a missing result; for the types that a file can have."""
         if self.dtype == "str":
             return ""
         return math.nan if self.is_float else int(np.iinfo(self.dtype).min)
 
     @property
     def itemsize(self) -> int:
-        """Bytes of a value; of a text a guess."""
+        """Bytes of a value; an estimate for a text."""
         return TEXT_BYTES if self.dtype == "str" else np.dtype(self.dtype).itemsize
 
     def absent(self, shape: tuple[int, ...]) -> NDArray[Any]:
-        """An array without results; texts are objects, so that each may have any length."""
+        """An array of missing results; texts are objects, so that each may have any length."""
         return np.full(shape, self.missing, object if self.dtype == "str" else self.dtype)
 
     @property
     def stored(self) -> "Variable":
-        """The variable by which a file represents this one: netCDF has no bool."""
+        """The variable by which a file represents this one, since netCDF has no bool."""
         return replace(self, dtype="int8", flags={0: "false", 1: "true"}) if self.dtype == "bool" else self
 
 
@@ -219,7 +219,7 @@ class Grid:
 
     @classmethod
     def of(cls, points: Any) -> "Grid":
-        """A grid as it is; of a mapping of axes or lists; or the rows of a pandas DataFrame as zipped axes."""
+        """A grid from a grid, a mapping of axes or lists, or a pandas DataFrame, whose columns are zipped axes."""
         if isinstance(points, pd.DataFrame):
             columns = {str(points.index.name or "row"): points.index} | {str(c): points[c] for c in points}
             return cls({name: Axis(values.to_numpy()) for name, values in columns.items()}, tuple(columns))
@@ -235,13 +235,13 @@ class Grid:
             yield np.arange(begin, min(begin + BLOCK, self.size))
 
     def points(self, index: NDArray[np.intp] | None = None) -> Points:
-        """The points at flat indices `index`, one entry each; by default all, in C order of the dimensions."""
+        """The points at flat indices `index`, by default all, in C order of the dimensions."""
         chosen = np.arange(self.size) if index is None else index
         along = dict(zip(self.dims, np.unravel_index(chosen, self.shape), strict=True))
         return {name: axis.values[along[self.dim_of(name)]] for name, axis in self.axes.items()}
 
     def locate(self, points: Points) -> NDArray[np.intp]:
-        """Flat indices of points that the grid has; an InputError if it lacks one."""
+        """Flat indices of points of the grid; an InputError if a point is missing."""
         columns = {name: axis_values(np.asarray(points[name])) for name in self.axes}
         along = [self._positions(group, columns) for group in self.groups]
         return np.asarray(np.ravel_multi_index(along, self.shape))
@@ -258,7 +258,7 @@ class Grid:
         return mask
 
     def align(self, other: "Grid") -> "Alignment":
-        """Positions of the points of `other`, a grid of the same axes, in this one, which has all of them."""
+        """Positions in this grid of the points of `other`, a part of it with the same axes."""
         indexers: list[NDArray[np.intp] | slice] = []
         for group in self.groups:
             values = {name: other.axes[name].values for name in group}
@@ -384,7 +384,7 @@ def check_names(what: str, named: Mapping[str, Any], kind: type) -> None:
 
 @dataclass(frozen=True)
 class Refinement:
-    """The rule by which a refined sweep chooses the points that are computed.
+    """The rule by which a refined sweep chooses points to compute.
 
     Parameters
     ----------

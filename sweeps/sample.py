@@ -1,4 +1,4 @@
-"""Points drawn from distributions: a grid whose axes vary together along `sample`, one point a draw."""
+"""Points drawn from distributions: a grid whose axes vary together along `sample`, one point for each draw."""
 
 import math
 from collections.abc import Mapping
@@ -103,7 +103,7 @@ def distribution_text(distribution: Any) -> str:
 
 
 def check_same_draws(file: Path, present: Grid, requested: Grid) -> None:
-    """Refuse to add draws to a file that has other ones under the same numbers; a grid without draws passes."""
+    """Refuse to add draws to a file with other draws of the same numbers; grids without draws pass."""
     number, *names = requested.groups[0] if requested.sampling else [""]
     for name in names:
         count = min(len(present.axes[name]), len(requested.axes[name]))

@@ -1,4 +1,4 @@
-"""How far a run is, as it says itself, and as other processes see its store."""
+"""Progress of a run, as the run reports it, and as other processes read it from its store."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -91,6 +91,6 @@ def status(path: str | Path) -> Status:
 
 
 def check_free(path: str | Path) -> None:
-    """Refuse a store that a run is writing: a LockedError names that run."""
+    """Raise a LockedError that names the run if a run is writing the store."""
     if (store := Store(path)).is_locked():
         raise store.locked_error()

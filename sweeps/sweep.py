@@ -1,4 +1,4 @@
-"""The two objects of a user: a sweep, which plans, and its plan, which runs."""
+"""The two objects of the API: a sweep, which plans, and its plan, which runs."""
 
 import warnings
 from dataclasses import dataclass
@@ -73,7 +73,7 @@ class Sweep(Declaration):
         strict: bool = False,
         adopt: int | Adopt | None = None,
     ) -> "Plan":
-        """Decide everything before the first expensive call, without calling the function.
+        """Make all decisions before the first expensive call, without calling the function.
 
         Parameters
         ----------
@@ -115,15 +115,15 @@ class Plan(PlanData):
     """
 
     def share(self, number: int, count: int) -> "Plan":
-        """Plan one of `count` shares of the computations, for a job that computes it; `number` is from 1.
+        """Plan one of `count` shares of the computations, for a separate job; `number` is from 1.
 
-        Shares may run at the same time, each writes parts of its own, and one that was stopped may run again. In
-        whichever folder they run, they are the same, whatever is stored there already. `merge` makes them a file.
+        Shares may run at the same time. Each writes parts of its own, and a stopped one may run again. A share is
+        the same in any folder, whatever is stored there already. `merge` makes one file of them.
         """
         return share_of(self, number, count)
 
     def merge(self, *files: str | Path) -> xr.Dataset:
-        """Write what shares have computed, beside the store or other files, and return it; compute nothing.
+        """Write the results of shares, beside the store or other files, and return them; compute nothing.
 
         A `PendingWarning` names missing shares; their points are pending, and may be merged later.
         """

@@ -1,4 +1,4 @@
-"""One batch: from points to results, of a sweep's `Task`. A failing point is stored with its reason."""
+"""A batch of a sweep's `Task`: from points to results. A failing point is stored with its reason."""
 
 import inspect
 import threading
@@ -76,7 +76,7 @@ pointwise = Pointwise
 
 
 class BatchSummary(NamedTuple):
-    """A finished batch: points, failed ones, s, where and why the first failed, and whether all did alike."""
+    """A finished batch: number of points and failures, time in s, the first failure, and whether all are alike."""
 
     rows: int
     failed: int
@@ -89,9 +89,9 @@ class BatchSummary(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Everything that computing a batch needs; `rerun(point)` gives a line that computes a point again.
+    """Everything needed to compute a batch; `rerun(point)` gives a line that computes a point again.
 
-    `functions` are those that are called, with the names of the variables that each returns.
+    `functions` are the functions to call, with the names of the variables that each returns.
     """
 
     name: str
@@ -118,7 +118,7 @@ class Task:
         return BatchSummary(len(result), len(failures), time.perf_counter() - begin, first, alike, result)
 
     def compute(self, points: Points) -> BatchResult:
-        """Compute a batch; if it raises as a whole, its halves, down to the points that fail."""
+        """Compute a batch; if it raises as a whole, compute its halves, down to the failing points."""
         result = self._missing(points)
         with one_blas_thread():
             self._fill(result, points, 0, len(result))
@@ -168,7 +168,7 @@ class Task:
             values[row] = self.variables[name].stored.missing
 
     def _call(self, points: Points) -> tuple[dict[str, Any], list[Any], Any]:
-        """Results as stored, the error of each point or None, and computing times if the functions return them."""
+        """Stored results, the error of each point or None, and computing times if the functions return them."""
         calls = [self._called(names, function, points) for names, function in self.functions]
         every = {name: values for results, *_ in calls for name, values in results.items()}
         errors = [
@@ -220,7 +220,7 @@ class Task:
         return results, errors, times
 
     def _check_declared(self, returned: Mapping[str, Any], names: tuple[str, ...]) -> None:
-        """Refuse results that are not declared: they would be lost without a word."""
+        """Refuse undeclared results, which would be lost without a message."""
         for name in (each for each in returned if each not in (*names, ERROR, WALL_TIME)):
             what = f"{name!r}, which is not one of its variables, {', '.join(names)}"
             how = f"declare it, as {name!r}: {declaration(_present(returned[name])) or 'Variable(...)'}"
@@ -228,7 +228,7 @@ class Task:
 
 
 def fits(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
-    """Whether a type loses nothing of the values but digits of a float."""
+    """Whether a type stores the values without loss, except for digits of floats."""
     kind = values.dtype.kind
     if dtype.kind == "U":
         return is_text(values)
@@ -245,13 +245,13 @@ def fits(values: NDArray[Any], dtype: np.dtype[Any]) -> bool:
 
 
 def _present(values: Any) -> NDArray[Any]:
-    """The first of some values that is there."""
+    """The first value that is not missing."""
     rows = values if isinstance(values, (list, np.ndarray)) else [values]
     return np.asarray([each for each in rows if each is not None and each is not ABSENT][:1])
 
 
 def declaration(values: NDArray[Any]) -> str:
-    """How to declare a variable that has these values; "" if no type fits."""
+    """The declaration of a variable with these values; "" if no type fits."""
     kinds = {"b": "bool", "i": "int64", "u": "int64", "f": "float64", "U": "str"}
     dtype = kinds.get("U" if is_text(values) else values.dtype.kind, "")
     options = [f"dtype={dtype!r}"] * (dtype != "float64") + ["dims=..."] * (values.ndim > 1)
@@ -259,7 +259,7 @@ def declaration(values: NDArray[Any]) -> str:
 
 
 def _text(value: Any) -> str:
-    """A text as it is stored, "" where it is missing."""
+    """The stored form of a text, "" if it is missing."""
     if isinstance(value, str):
         return _writable(str(value))
     if value is None or value != value:
@@ -268,7 +268,7 @@ def _text(value: Any) -> str:
 
 
 class _Blas:
-    """Number of batches that compute in this process, and the limit that holds BLAS to one thread meanwhile."""
+    """Number of batches in computation in this process, and their limit of BLAS to one thread."""
 
     lock, batches, limit = threading.Lock(), 0, cast(Any, None)
 
@@ -297,5 +297,5 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def _writable(text: str) -> str:
-    """A text that a file can have: UTF-8, without the character that ends a text there."""
+    """A text with escapes for what a file cannot store: invalid UTF-8 and NUL."""
     return text.replace("\0", "\\0").encode("utf-8", "backslashreplace").decode("utf-8")

@@ -1,1 +1,1 @@
-"""Run time against error: every method and setting on the same scenes."""
+"""Run time against error: all methods and settings at the same scenes."""

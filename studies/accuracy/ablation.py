@@ -1,6 +1,7 @@
-"""Reduced models with a part of the contact changed or left out, to measure what it is worth.
+"""Reduced models with a part of the contact model changed or left out, to measure the effect of that part.
 
-`modify` of `fivcore.simulate` applies one of these to every reduced model, the finer one of the onset included.
+`modify` of `fivcore.simulate` applies one of these functions to each reduced model, also to the finer model of the
+onset.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ def without_cross_terms(model: ReducedModel) -> ReducedModel:
 
 
 def truncated(model: ReducedModel) -> ReducedModel:
-    """Leave out the residual flexibility: the kept modes touch rigidly."""
+    """Leave out the residual flexibility, so that the kept modes touch rigidly."""
     return replace(_flexible(model), K=np.zeros((2, 2)), C=np.zeros((2, 2)))
 
 

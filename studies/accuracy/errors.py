@@ -1,9 +1,9 @@
 """Errors of every method and setting, with their standard errors, from the stored runs.
 
-What has the published scheme's numerical damping is compared with that scheme, everything else with the model as
-given: `fast` at three times the cut-off in steps half as long as such a model's default. `paper` without numerical
-damping in half its step would be the plainer reference, but costs two hundred times as much; it checks the other
-one where it is affordable. The motion is chaotic, so statistics are compared over ensembles.
+Runs with the published scheme's numerical damping are compared with that scheme, all others with a reference for
+the model as given: `fast` with three times the cut-off and half the default step of such a model. `paper` without
+numerical damping at half its step would be a more independent reference, but it costs two hundred times as much;
+it checks the reference where it is affordable. The motion is chaotic, so statistics are compared over ensembles.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ STANDARD_ERROR = 0.005  # of the fractions of time: the CPU time to reach it is 
 
 
 def with_errors(dataset: xr.Dataset) -> xr.Dataset:
-    """Add every error; points that are missing have none."""
+    """Add all errors; missing points have none."""
     data = dataset.assign_coords(quantity=("quantity", list(QUANTITIES), {"long_name": "compared statistic"}))
     time = data["observed_time"].where(data["observed_time"] > 0.0).mean("member")
     damped = (data["method"] == FAST) & (data["setting"] == PUBLISHED)
@@ -74,8 +74,8 @@ def with_errors(dataset: xr.Dataset) -> xr.Dataset:
 def difference(values: Array, reference: Array, time: Any, reference_time: Any) -> tuple[Array, Array, Array]:
     """Difference of means along "member", its standard error, and the reference's mean; values are over `time`.
 
-    The variance of a statistic falls with the time it is taken over; that and the number of runs may differ, so
-    variances are pooled per unit of time.
+    The variance of a statistic is inversely proportional to the time over which it is taken. Since that time and
+    the number of runs may differ, variances are pooled per unit of time.
     """
     squares, freedom, inverse = Array(0.0), Array(0.0), Array(0.0)
     for ensemble, duration in ((values, time), (reference, reference_time)):
@@ -94,12 +94,12 @@ def at(values: Array, method: str, setting: str) -> Array:
 
 
 def rms(values: Array, dim: str = "scene") -> Array:
-    """Root mean square of the finite values; NaN where none is."""
+    """Root mean square of the finite values; NaN without finite values."""
     return (values**2).mean(dim) ** 0.5
 
 
 def _compare(data: xr.Dataset, time: Array, *pair: str) -> list[Array]:
-    """Errors and standard errors along "quantity", and errors of the first slip; the reference itself has none."""
+    """Errors and standard errors along "quantity", and errors of the first slip; none for the reference."""
     enough = data["long_sticks"].sum("member") >= LEAST_STICKS
     data = data.assign(mean_stick_time=data["mean_stick_time"].where(enough))
     values = xr.concat([data[name].astype(float) for name in QUANTITIES], data["quantity"])

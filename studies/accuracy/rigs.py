@@ -1,4 +1,4 @@
-"""Scenes of rigs drawn at random: what is right on the paper's rig may be so for a reason of its own."""
+"""Scenes of rigs drawn at random, which test whether a setting suits other rigs than the paper's."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ MATERIALS = ((185e9, 7900.0), (200e9, 7950.0), (110e9, 7200.0), (105e9, 8500.0),
 
 
 def drawn_scene(seed: int, number: int) -> Scene:
-    """A scene that vibrates, of a rig like the paper's: the first unstable one of the sequence that these begin.
+    """The first scene that vibrates of a random sequence of rigs like the paper's.
 
     P1 is 40 to 70 mm long and 1.5 to 4 mm thick, P2 120 to 250 mm long; the contact lies at 35 to 80 % of P2.
-    Elements are as long as the paper's, P1's longer where it is thicker: the published scheme's step is stable.
+    Elements are as long as the paper's; those of a thicker P1 are longer, so that the published scheme is stable
+    with its step.
     """
     rng = np.random.default_rng([seed, number])
     while True:

@@ -1,4 +1,4 @@
-"""Scenes, methods, and the settings with which each method runs."""
+"""Scenes, methods, and the settings of each method."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def scene_of(name: str, rig: Rig) -> Scene:
 
 
 def model_of(method: str, scene: Scene, options: Mapping[str, Any]) -> ReducedModel:
-    """The model of a scene simulated with such `options`."""
+    """The reduced model with which a scene is simulated with these `options`."""
     if method == PAPER:
         return full_model(scene.rig, scene.drive_theta)
     return modified(reduced_model(scene.rig, scene.drive_theta, options.get("cutoff")), options.get("modify"))

@@ -1,4 +1,4 @@
-"""Run time against error: every method and setting at the same scenes."""
+"""Run time against error: all methods and settings at the same scenes."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ OUTPUTS = {
 
 
 def compare(method: Array, setting: Array, scene: Array, rig: Rig, members: int, **others: Any) -> dict[str, Any]:
-    """Run one point at a time, on one thread; NaN where a method has no such setting or is too expensive."""
+    """Simulate one point at a time on one thread; NaN where a method lacks the setting or is too expensive."""
     sizes = {"member": members, "rival": RIVALS}
     shapes = {name: [len(method), *(sizes[dim] for dim in dims)] for name, (_, _, *dims) in OUTPUTS.items()}
     values = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
@@ -101,7 +101,7 @@ def rival_peaks(scene: Scene, duration: float, options: Mapping[str, Any]) -> Ar
 
 
 def coords(members: int) -> dict[str, Axis]:
-    """The runs and the rival peaks, counted from 1."""
+    """The runs and the rival peaks, numbered from 1."""
     runs = np.arange(1, checks.count("members", members, MOST_MEMBERS) + 1)
     peaks = Axis(np.arange(1, RIVALS + 1), "1", "peak by strength")
     return {"member": Axis(runs, "1", "run, by the ramp of its drive"), "rival": peaks}

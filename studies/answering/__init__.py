@@ -1,1 +1,1 @@
-"""Results: their files, their summary, and the paper's claims and the reference beside them."""
+"""Results: their files, their summaries, and their comparison with the paper and the reference."""

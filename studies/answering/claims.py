@@ -46,7 +46,7 @@ def is_papers_point(dataset: xr.Dataset, **point: float) -> bool:
 
 
 def rig_text(dataset: xr.Dataset) -> str:
-    """The addition to a title of a result of another rig."""
+    """The part of a title that names another rig than the paper's."""
     values, own = settings(dataset), "an own structure" if structure_in(dataset) else "not the paper's rig"
     other = [name for name, parameter in RIG.items() if values.get(name) != parameter.default]
     if len(other) == 1 and other[0] in values:
@@ -66,7 +66,7 @@ def beside(dataset: xr.Dataset, claims: Sequence[Claim]) -> pd.DataFrame:
 
 
 def answer(dataset: xr.Dataset, claim: Claim) -> xr.DataArray | None:
-    """The value or the values that a claim is about; None where the result lacks them."""
+    """The value or the values to which a claim refers; None if the result lacks them."""
     fixed, found = settings(dataset), dataset.get(claim.variable)
     for name, value in (POINT | dict(claim.at)).items():
         if found is None or not found.size or (isinstance(value, tuple) and name not in found.dims):
@@ -119,7 +119,7 @@ def _row(claim: Claim, found: xr.DataArray, interval: str) -> tuple[Any, ...]:
 
 
 def _place(found: xr.DataArray, name: str, value: Any) -> str:
-    """A coordinate of the answer, or the range that a claim speaks of."""
+    """The coordinate of the answer, or the range to which a claim refers."""
     if isinstance(value, str):
         return value.replace("_", " ")
     if isinstance(value, tuple):

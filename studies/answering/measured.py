@@ -1,12 +1,12 @@
-"""Measured signals: files of them, and what can be said of one by the observer of the velocity of B of a run.
+"""Measured signals: readers of their files, and statistics as of the velocity of B in a run.
 
 Files are CSV, WAV, universal files (data set 58) and MATLAB; nothing in them is executed.
 
-The contact is unknown here. In place of a run's long sticks stand quiet spells: the root mean square over PERIODS
-periods of the main frequency, of the signal less its mean over a period of the band's lower end, stays below QUIET
-of its 99 % quantile for at least LEAST periods. Slip begins before a vibration has grown and ends before its
-ringing has decayed, so they are not the sticks. For spectra, what vibrates reaches MARGIN samples into them, or
-tapers would cut off where it begins.
+The state of the contact is not measured. Quiet spells take the place of long sticks: in them the root mean square
+over PERIODS periods of the main frequency, of the signal less its mean over a period of the band's lower end,
+stays below QUIET of its 99 % quantile for at least LEAST periods. Slip begins before a vibration has grown and
+ends before its ringing has decayed, so quiet spells and sticks differ. Spectra of the vibration include MARGIN
+samples of the neighbouring spells, since tapers would otherwise cut off its beginning.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def read(path: str | Path, unit: str | None, rate: float | str | None, channel: 
     if (found := spec.QUANTITY.fullmatch(unit or "")) and found[2]:
         factor, unit = float(found[1]), found[2]
     if not (unit := unit or signal.unit):
-        raise InputError(f"unit missing: {path} has none; give mm/s, or 50mm/s for what 1 in the file is")
+        raise InputError(f"unit missing: {path} names none; give mm/s, or 50mm/s if 1 in the file is 50 mm/s")
     if re.search(r"\bdB", unit, re.I):
         raise InputError(f"unit = {unit}: a level has no phase; record the signal itself, in a unit like mm/s")
     hertz = spec.one(rate, "rate", "Hz") if isinstance(rate, str) else rate
@@ -89,7 +89,7 @@ def read(path: str | Path, unit: str | None, rate: float | str | None, channel: 
 
 
 def _checked(values: Array) -> Array:
-    """Values without gaps, that change, and are not clipped."""
+    """Check that values have no gaps, are not constant, and are not clipped."""
     if len(lost := np.flatnonzero(~np.isfinite(values))):
         text = f"{len(lost)} of {len(values)} samples are missing, first number {lost[0] + 1}"
         raise InputError(f"{text}; cut out a part without gaps")
@@ -107,7 +107,7 @@ def _checked(values: Array) -> Array:
 
 
 def _rate_of(times: Array) -> float:
-    """The rate of even times, s, which may be rounded to half a step."""
+    """The rate of evenly spaced times, s, which may be rounded to half a step."""
     steps, step = np.diff(times), (times[-1] - times[0]) / (len(times) - 1)
     usual, away = abs(np.median(steps)), np.abs(np.diff(times - step * np.arange(len(times))).cumsum())
     odd = ~(np.abs(steps - usual) <= 0.5001 * usual)
@@ -150,7 +150,7 @@ def _text(file: Path) -> list[Signal]:
 
 
 def _wav(file: Path) -> Iterator[Signal]:
-    """Channels in units of the full scale: 1 for floats, the largest magnitude for whole numbers."""
+    """Channels in units of the full scale, which is 1 for floats and the largest magnitude for integers."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", io.wavfile.WavFileWarning)  # chunks of notes
         rate, values = io.wavfile.read(file)
@@ -184,7 +184,7 @@ READERS |= dict.fromkeys((".uff", ".unv"), _universal) | {".wav": _wav, ".mat": 
 
 
 def statistics(signal: Signal, band: tuple[float, float]) -> dict[str, Any]:
-    """Figures of a signal; see `studies.measure`."""
+    """Statistics of a signal; see `studies.measure`."""
     every = max(int(signal.rate / (SAMPLES * band[1])), 1)
     values, rate = signal.values, signal.rate / every
     values = filters.resample_poly(values, 1, every, padtype="line") if every > 1 else values
@@ -240,7 +240,7 @@ def lines(observer: observe.Observer) -> tuple[Array, Array]:
 
 
 def velocity(signal: Signal) -> Signal:
-    """The signal in m/s, as runs are drawn; an `InputError` if it is no velocity."""
+    """The signal in m/s, the unit of runs; an `InputError` if it is not a velocity."""
     try:
         return replace(signal, values=convert(1.0, signal.unit, "m s-1", "what is drawn") * signal.values)
     except UnitError as problem:

@@ -1,4 +1,4 @@
-"""Modes of a structure written to files for other programs: NumPy's .npz, or universal files."""
+"""Modes of a structure as files for other programs: NumPy's .npz, or universal files."""
 
 from __future__ import annotations
 

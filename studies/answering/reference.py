@@ -1,4 +1,4 @@
-"""How far a result is from the repository's own outcomes in `results/reference`, which runs only read."""
+"""Differences between a result and the reference in `results/reference`, which runs only read."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ ROUNDING = 1e-9
 
 
 def tolerance(name: str) -> tuple[float, float] | None:
-    """Absolute and relative tolerance of a chaotic variable; None where it has none."""
+    """Absolute and relative tolerance of a chaotic variable; None if it has no tolerance."""
     # The spread of four runs is as uncertain as it is large, and so is a standard error.
     if name.startswith(("member_", "motion_")) or name.endswith(("_std", "_se")):
         return None
@@ -47,10 +47,10 @@ def tolerance(name: str) -> tuple[float, float] | None:
 
 
 def compared(study: Study, dataset: xr.Dataset, reference: xr.Dataset) -> str:
-    """How far a result is from the reference, in a line; "" where they have no points in common.
+    """A sentence on the difference between a result and the reference; "" without common points.
 
-    Of each variable the largest difference at a common point counts, in units of its largest value, or of its
-    tolerance where the motion is chaotic.
+    The difference of a variable is the largest at a common point, in units of the variable's largest value or,
+    where the motion is chaotic, of its tolerance.
     """
     ours, theirs = (_constants(each) for each in (dataset, reference))
     differ = [name for name in ours if name in theirs and ours[name] != theirs[name]]
@@ -89,7 +89,7 @@ def compared(study: Study, dataset: xr.Dataset, reference: xr.Dataset) -> str:
 
 
 def _distance(study: Study, name: str, ours: Any, theirs: Any) -> float:
-    """Largest difference of two arrays where both have values."""
+    """Largest difference of two arrays where both are finite."""
     both = np.isfinite(ours) & np.isfinite(theirs)
     distance, size = np.abs(ours - theirs)[both], np.abs(theirs)[both]
     if not np.any(distance):
@@ -99,7 +99,7 @@ def _distance(study: Study, name: str, ours: Any, theirs: Any) -> float:
 
 
 def _constants(dataset: xr.Dataset) -> dict[str, Any]:
-    """Constants to nine digits, for those computed from a request may differ by rounding."""
+    """Constants to nine digits; constants computed from a request may differ by rounding."""
     values = configuration(dataset).get("constants", {})
     text = json.dumps(values)
     rounded: dict[str, Any] = json.loads(text, parse_float=lambda n: f"{float(n):.9g}", parse_constant=str)

@@ -1,4 +1,4 @@
-"""How far the interpolated points of a refined map can be trusted, by its control points."""
+"""Estimated errors of the interpolated points of a refined map, from its control points."""
 
 import json
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ CONFIDENCE = 0.95  # with which the share of wrong points is below its bound
 
 
 def report(dataset: xr.Dataset) -> list[str]:
-    """How far the interpolated points of a refined sweep's dataset can be trusted, in up to three sentences."""
+    """Up to three sentences on the errors of the interpolated points of a refined sweep."""
     if "refinement" not in dataset.attrs:
         return []
     errors, lines = json.loads(dataset.attrs["refinement"]), []
@@ -31,7 +31,7 @@ def report(dataset: xr.Dataset) -> list[str]:
 
 
 def shares(levels: Sequence[dict[str, Any]]) -> tuple[float, float]:
-    """Estimate the share of wrong points among the interpolated ones, and bound it; NaN without control points.
+    """Estimate and bound the fraction of wrong interpolated points; NaN without control points.
 
     Counts are weighted by the points that each control point represents, and the bound is that for a weighted sum
     of counts (Fay and Feuer, Statistics in Medicine 16, 1997, 791-801).

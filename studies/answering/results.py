@@ -1,4 +1,4 @@
-"""Where results are, how they are opened, and what they say of the parameters that were fixed."""
+"""Folders and files of results, how they are opened, and their fixed parameters."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ PATHS = ("sample", "row")
 
 
 def results_folder(out: str | Path | None = None) -> Path:
-    """Where results go: `out`, else FIV_RESULTS, else `results` under the current folder."""
+    """The results folder: `out`, else FIV_RESULTS, else `results` under the current folder."""
     return expanded(out or os.environ.get("FIV_RESULTS") or "results")
 
 
 def existing(out: str | Path | None, study: str = "") -> str | Path | None:
-    """A results folder that is read, as it is given; an `InputError` if it is named and does not exist.
+    """Return a results folder to read; raise an `InputError` if it is named and does not exist.
 
-    Its message says how the result of a `study` would be computed there.
+    The message gives the command that computes the result of a `study` there.
     """
     if out and not results_folder(out).is_dir():
         compute = f"; compute it with: {command('run', study, out)}" if study else ""
@@ -97,7 +97,7 @@ def rig_in(folder: Path) -> str:
 
 
 def is_own(folder: Path) -> bool:
-    """Whether a folder is the repository's reference, which runs do not write, and not one called like it."""
+    """Whether a folder is the repository's reference, which runs do not write."""
     return folder.name == REFERENCE and (folder / "rig.svg").exists()
 
 
@@ -117,7 +117,7 @@ def results_file(name: str | Path, out: str | Path | None = None) -> Path:
 
 
 def stored(out: str | Path | None = None) -> list[Path]:
-    """Every result of a folder: studies and fits by name, then maps; without the reference."""
+    """All results of a folder, without the reference: studies and fits by name, then maps."""
     folder = results_folder(out)
     found = [path for place in ("*", f"{FITS}/*") for path in folder.glob(f"{place}/*.nc*")]
     parts = {p.with_name(f"{p.name.partition('.nc.')[0]}.nc") for p in found if p.name.endswith("parts")}
@@ -128,7 +128,7 @@ def stored(out: str | Path | None = None) -> list[Path]:
 
 
 def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
-    """The stored results of a study or a map, by name or by path; finished or as far as they are.
+    """The stored results of a study or a map, by name or by path, of an unfinished run the points so far.
 
     Raises
     ------
@@ -141,9 +141,10 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
     except FileNotFoundError:
         if is_path(text):
             raise
-        names = ", ".join(path.stem for path in stored(out)) or "nothing"
+        names = ", ".join(path.stem for path in stored(out))
+        there = f"which has results of {names}" if names else "which is empty"
         raise MissingFileError(
-            f"no result {text!r} in {results_folder(out)}, which has {names}; compute it with studies.run"
+            f"no result {text!r} in {results_folder(out)}, {there}; compute it with studies.run"
         ) from None
     owner = dataset.attrs.get("sweep")
     if not (is_path(text) or owner in (file.stem, f"{FITS}_{file.stem}") or file.parent.name == MAPS):
@@ -152,7 +153,7 @@ def open_dataset(name: str | Path, out: str | Path | None = None) -> xr.Dataset:
 
 
 def notice(name: str | Path, out: str | Path | None = None) -> str:
-    """A note that the reference replaces a result that the folder lacks; "" where it does not."""
+    """A note that the reference replaces a missing result; "" if the result is not missing."""
     text = os.fspath(name)
     if is_path(text) or not is_reference(file := results_file(text, out)):
         return ""
@@ -161,7 +162,7 @@ def notice(name: str | Path, out: str | Path | None = None) -> str:
 
 @contextmanager
 def damage_as_error(file: Path | None) -> Iterator[None]:
-    """Turn the damage of a large file, which netCDF finds when its values are used, into an `InputError`."""
+    """Turn the error of a damaged large file, which netCDF finds when values are read, into an `InputError`."""
     try:
         yield
     except RuntimeError as problem:
@@ -171,7 +172,7 @@ def damage_as_error(file: Path | None) -> Iterator[None]:
 
 
 def command(verb: str, study: str, out: str | Path | None = None) -> str:
-    """A command of `fiv` as one types it, into the same results folder, or for the rig whose folder it is."""
+    """A command of `fiv` for the same results folder, or for the rig whose folder it is."""
     rig = []
     if out and (name := rig_in(folder := results_folder(out))):
         rig, out = ["--rig", name], None if folder.parent == results_folder() else folder.parent
@@ -185,7 +186,7 @@ def configuration(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def settings(dataset: xr.Dataset) -> dict[str, Any]:
-    """Values of the parameters that a result holds fixed."""
+    """Values of the fixed parameters of a result."""
     return {name: value for name, (value, *_) in _fixed(dataset).items()}
 
 
@@ -207,13 +208,13 @@ def structure_in(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def own_numbers(dataset: xr.Dataset) -> list[str]:
-    """Names of the numbers of its structure that a result has as coordinates."""
+    """Names of the numbers of its structure that are coordinates of a result."""
     structure = structure_in(dataset)
     return [n for n in parameters(Structure.from_dict(structure)) if n in dataset.coords] if structure else []
 
 
 def rig_of(dataset: xr.Dataset) -> Any:
-    """The rig or structure of a result; an `InputError` names a number which varies or is not in the file."""
+    """The rig or structure of a result; an `InputError` names a number that varies or is missing."""
     if structure := structure_in(dataset):
         numbers = {name: dataset[name] for name in own_numbers(dataset)}
         for name in (name for name, value in numbers.items() if value.ndim):
@@ -240,7 +241,7 @@ def settled(dataset: xr.Dataset, about: Mapping[str, tuple[Any, str, str]] | Non
 
 
 def is_usual(dataset: xr.Dataset, dims: tuple[str, ...]) -> bool:
-    """Whether the points of a result have these dimensions; of a map, without any, one or two parameters."""
+    """Whether the points of a result have these dimensions; without any (a map), one or two parameters."""
     found = tuple(map(str, dataset["status"].dims))
     # A structure has no numbers of the beams.
     dims = tuple(dim for dim in dims if dim not in RIG) if structure_in(dataset) else dims

@@ -29,10 +29,10 @@ WIDTH = 100
 
 
 def presented(study: Study, dataset: xr.Dataset) -> xr.Dataset | None:
-    """The result as summary and figure take it; None for which they are not made, or if no point is done.
+    """The result for summary and figure; None if they do not apply, or if no point is done.
 
-    They present a result with the study's own dimensions. One that is not finished gets what the study derives;
-    pending points have no values.
+    They apply to a result with the study's own dimensions. An unfinished result gets the study's derived
+    variables; pending points have no values.
     """
     status = dataset["status"]
     if not (is_usual(dataset, study.dims) and (status == DONE).any()):
@@ -57,16 +57,18 @@ def parts(study: Study, dataset: xr.Dataset) -> Iterator[Any]:
 
 
 def fixed_text(study: Study, dataset: xr.Dataset) -> str:
-    """The operating point, and what else is fixed at another value than the study's default."""
+    """The operating point, and other fixed parameters that differ from the study's defaults."""
     text = fixed_parts(study, dataset)
     if set(RIG) <= set(settings(dataset)) and claims.is_papers_rig(dataset):
+        if not text:
+            return "On the paper's rig."
         text.append("the paper's rig")
     # A number is a place, a rig is none.
     return f"{'At' if ' = ' in text[0] else 'For'} {', '.join(text)}." if text else f"{study.title}."
 
 
 def fixed_parts(study: Study, dataset: xr.Dataset, *, figure: bool = False) -> list[str]:
-    """Fixed numbers: those of the scene, others where they differ from their default; a figure counts draws."""
+    """Fixed numbers: those of the scene, and others that differ from their default; a figure counts draws."""
     values = {name: value for name, value in settings(dataset).items() if name in dataset.coords}
     defaults = {name: parameter.default for name, parameter in study.parameters.items()}
     drawn = configuration(dataset).get("constants", {}).get("distributions", {}) if figure else {}
@@ -77,7 +79,7 @@ def fixed_parts(study: Study, dataset: xr.Dataset, *, figure: bool = False) -> l
 
 
 def was_set(study: Study, dataset: xr.Dataset) -> str:
-    """What was set, for the small print of a figure."""
+    """The parameters that were set, for the small print of a figure."""
     parts = [
         labels.named(str(d), dataset[d][0]) for d in dataset["status"].dims if dataset.sizes[d] == 1 and d in SCENE
     ]
@@ -90,21 +92,21 @@ def was_set(study: Study, dataset: xr.Dataset) -> str:
 
 
 def missing(dataset: xr.Dataset) -> str:
-    """How many points failed or are not computed yet; "" if none."""
+    """The numbers of failed points and of points not computed yet; "" if there are none."""
     status = dataset["status"].values
     counts = {"failed": int((status == FAILED).sum()), "not computed yet": int((status == PENDING).sum())}
     return "; ".join(f"{n} of {status.size} points {what}" for what, n in counts.items() if n)
 
 
 def quantities(dataset: xr.Dataset) -> list[str]:
-    """Outputs with one number a point, without standard errors."""
+    """Outputs with one number at each point, without standard errors."""
     kinds = {str(name): (array.dims, array.dtype.kind) for name, array in dataset.data_vars.items()}
     names = [name for name, kind in kinds.items() if kind == (dataset["status"].dims, "f")]
     return [name for name in names if name != "wall_time" and not name.endswith("_se")]
 
 
 def general(dataset: xr.Dataset) -> Iterator[Any]:
-    """Quantiles of every variable with one number a point, and how they go with the parameters that vary."""
+    """Quantiles of each variable with one number at each point, and its rank correlations with the parameters."""
     import pandas as pd
 
     dims = dataset["status"].dims
@@ -134,7 +136,7 @@ def general(dataset: xr.Dataset) -> Iterator[Any]:
 
 
 def failures(dataset: xr.Dataset) -> Iterator[str]:
-    """Failed points with their reasons: one line where all failed alike, else the first ones."""
+    """Failed points with their reasons: one line if all have the same reason, else the first points."""
     failed = np.argwhere((dataset["status"] == FAILED).values)
     if not len(failed):
         return

@@ -1,1 +1,1 @@
-"""How a study is asked: a request becomes points, they a sweep, and each batch a call of its function."""
+"""From a request to points, from points to a sweep, and from each batch to a call of the study's function."""

@@ -1,4 +1,4 @@
-"""How a study's function is called with a batch of points, and what is added to its finished dataset."""
+"""The call of a study's function for a batch of points, and additions to the finished dataset."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ if TYPE_CHECKING:
 
 
 def named(signature: Mapping[str, inspect.Parameter], values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values that a signature names; all with ``**others``."""
+    """The values that a signature names; all of them for ``**others``."""
     takes_rest = any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in signature.values())
     return {name: value for name, value in values.items() if takes_rest or name in signature}
 
 
 def steps(numbers: Mapping[str, Any], followed: str) -> list[dict[str, Any]]:
-    """The numbers at each value of the parameter that is followed."""
+    """The numbers at each value of the followed parameter."""
     return [{**numbers, followed: value} for value in numbers[followed]] if followed else [{**numbers}]
 
 
 @dataclass(frozen=True, eq=False)
 class Call:
-    """How a study's function is called with a batch of points."""
+    """The call of a study's function for a batch of points."""
 
     function: Callable[..., Mapping[str, Any]]
     common: tuple[str, ...]  # parameters that vary and that all points of one call share
@@ -103,13 +103,13 @@ def _computed(call: Call, numbers: Mapping[str, Any], points: Mapping[str, Any])
 
 
 def _without_scene(problem: Any) -> Any:
-    """The error of a scaled scene without that scene: the point that fails has the numbers that were asked."""
+    """The error of a scaled scene without that scene, whose numbers are not those of the point."""
     text = str(problem).rpartition("; scene V = ")[0]
     return type(problem)(text, problem.scene) if isinstance(problem, SceneError) and text else problem
 
 
 def _groups(common: Mapping[str, NDArray[Any]], count: int) -> Sequence[tuple[dict[str, Any], Any]]:
-    """The common parameters of each group of points, in order of appearance, and its points."""
+    """Values of the common parameters of each group of points, in order of appearance, and its points."""
     if not common:
         return [({}, slice(None))]
     places: dict[tuple[Any, ...], list[int]] = {}
@@ -142,9 +142,9 @@ def _padded(name: str, value: Any, count: int, shape: tuple[int, ...] | None, re
 
 
 def finish(derive: Any, dims: Any, about: Mapping[str, Any], moves: bool, dataset: xr.Dataset) -> xr.Dataset:
-    """Add the fixed parameters as scalar coordinates, and what the study derives from its usual dimensions.
+    """Add fixed parameters as scalar coordinates, and what the study derives on its own dimensions.
 
-    A study in which scenes move gets what grows above the band, too.
+    A study of moving scenes also gets the unstable modes above the band.
     """
     dataset = settled(dataset, about)
     dataset = with_growth_above(dataset, structure_in(dataset) or None) if moves else dataset

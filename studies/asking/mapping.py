@@ -1,4 +1,4 @@
-"""The request of a map: one or two parameters vary, all others have one value; it may be refined."""
+"""The request of a map, in which one or two parameters vary; it may be refined."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def mapped(study: Study, request: Request, sweep: Sweep) -> Sweep:
 
 
 def name_of(study: Study, request: Request, values: Mapping[str, Any]) -> str:
-    """The name of a map's file: what is mapped over what, and what else is not as usual."""
+    """The name of a map's file: its quantities, its parameters, and settings that differ from the defaults."""
     study = of_structure(study, request.structure)
     default = {name: p.default for name, p in study.parameters.items() if name not in request.sides}
     numbers = {name: np.ravel(values.get(name, value))[0] for name, value in default.items()}

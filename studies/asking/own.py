@@ -1,4 +1,4 @@
-"""A study of a structure of one's own whose numbers are parameters, too."""
+"""Studies of a user's structure whose numbers are parameters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from studies.study import Study
 
 
 def of_structure(study: Study, structure: Mapping[str, Any] | None) -> Study:
-    """The study with the numbers of a structure as parameters, too."""
+    """The study with the numbers of a structure as further parameters."""
     if structure is None or not study.takes_structure:
         return study
     own = Structure.from_dict(structure)

@@ -1,4 +1,4 @@
-"""The points of a request: what varies, what the function takes whole, and what is fixed."""
+"""The points of a request: parameters that vary, ranges that the function takes whole, and fixed ones."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Points:
 def points_of(
     study: Study, values: Mapping[str, Any], rows: Mapping[str, Any], draws: tuple[int, int], structure: Any
 ) -> Points:
-    """The points of a request (`asking.sweep.sweep_of` has its parts); `draws` are their number and seed."""
+    """The points of a request (see `asking.sweep.sweep_of`); `draws` are their number and seed."""
     requested = {name: study.parameter(name).read(name, value) for name, value in values.items()}
     columns = {name: _column(study, name, column) for name, column in rows.items()}
     for name in columns:
@@ -99,7 +99,7 @@ def _grid(parameters: Mapping[str, Parameter], axes: Any, drawn: Any, columns: A
 
 
 def _followed(study: Study, chosen: Mapping[str, Any], requested: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """The parameter that chains of scenes follow, and one value of each that has a range only where followed."""
+    """The parameter that chains of scenes follow, and one value of each that is a range only if followed."""
     name, values = chosen[FOLLOW], dict[str, Any]()
     if np.ndim(name):
         raise InputError(f"{FOLLOW} = {', '.join(name)}: give one; run the study once for each")
@@ -114,21 +114,22 @@ def _followed(study: Study, chosen: Mapping[str, Any], requested: Mapping[str, A
 
 
 def _without_beams(study: Study, requested: Mapping[str, Any], own: Structure) -> dict[str, Parameter]:
-    """The parameters with a structure of one's own: theta is 0, and a rig has no numbers.
+    """The parameters for a user's structure: theta is 0, and the numbers of the rig are left out.
 
-    A default range of mu lies around its first onset as the study's does around that of the paper's rig.
+    A default range of mu is scaled with the first onset of the structure relative to that of the paper's rig.
     """
     if not study.takes_structure:
         raise InputError(
-            f"rig: study {study.name} needs the paper's beams, which a structure has not; fiv list marks "
-            "those that take one"
+            f"rig: study {study.name} is about the paper's beams and takes no structure; fiv list marks the "
+            "studies that do"
         )
     for name, value in requested.items():
-        text = f"{name} = {getattr(value, 'text', None) or checks.short(value)}"
+        plain = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
+        text = f"{name} = {getattr(value, 'text', None) or checks.short(plain)}"
         if name in RIG and name not in study.own:
             raise InputError(f"{text}: a structure has no such number; leave it out, or change its file")
         if name == "theta" and (hasattr(value, "ppf") or np.any(value)):
-            raise InputError(f"{text}: the modes of a structure have their inclination already; leave it out")
+            raise InputError(f"{text}: the inclination of a structure is part of its modes; leave it out")
     without = {*RIG, *study.own}.difference(requested)
     left = {name: parameter for name, parameter in study.parameters.items() if name not in without}
     if theta := left.get("theta"):
@@ -142,9 +143,9 @@ def _without_beams(study: Study, requested: Mapping[str, Any], own: Structure) -
 
 
 def _scale_of_friction(own: Structure, most: float) -> float:
-    """The first onset of a structure, of flutter or divergence, over that of the paper's rig; 1 without one.
+    """The first onset of a structure, flutter or divergence, over that of the paper's rig; 1 without one.
 
-    Times `most` it stays below the friction at which the contact force is no longer unique.
+    Multiplied by `most` it stays below the friction at which the contact force is no longer unique.
     """
     papers, limit = flutter_onsets(Rig(), paper.THETA).mu[0], np.inf
     try:

@@ -1,4 +1,4 @@
-"""The request of a run: values of parameters as they are typed, in a TOML file, in a table, or in a result."""
+"""The request of a run: values of parameters from the command line, a TOML file, a table, or a result."""
 
 from __future__ import annotations
 
@@ -47,16 +47,16 @@ MOST_ROWS = 1_000_000
 
 @dataclass(frozen=True)
 class Request:
-    """The request of a run: the study, and what the options of the command line say.
+    """The request of a run: the study, and the options of the command line.
 
-    `values` has by parameter a SPEC, a distribution (`normal:0.2:0.02`, or one of SciPy's), a word, a number, or a
-    list of these; `points` is a CSV file, a DataFrame, or columns by name, whose rows are the points; `structure`
-    is `Structure.to_dict` of one in place of the rig; `command` is the line that was typed.
+    `values` maps a parameter to a SPEC, a distribution (`normal:0.2:0.02`, or one of SciPy's), a word, a number,
+    or a list of these; `points` is a CSV file, a DataFrame, or columns by name, with one point in each row;
+    `structure` is `Structure.to_dict` of one in place of the rig; `command` is the command line.
 
-    A map has `sides`, the parameter across and that upwards, whose intervals are halved `refine` times where the
-    first of its `quantities` changes, or where interpolation is off by `tolerance` of its range.
+    The `sides` of a map are the parameters across and upwards. Their intervals are halved `refine` times where the
+    first of its `quantities` changes, or where interpolation is off by more than `tolerance` of its range.
 
-    `rig` is the name of the rig in whose folder the results lie, and `base` has its own numbers.
+    `rig` is the name of the rig in whose folder the results lie, and `base` are the numbers of that rig.
     """
 
     study: str = ""
@@ -78,7 +78,7 @@ class Request:
     base: Mapping[str, Any] | None = None
 
     def over(self, other: Request) -> Request:
-        """The values of this request, and those of another where this one has none."""
+        """The values of this request, and values of another request for parameters that this one lacks."""
         ours = {name: value for name, value in vars(self).items() if value not in ("", (), None)}
         if self.scheduler or self.workers:
             ours |= {"scheduler": self.scheduler, "workers": self.workers}
@@ -183,7 +183,7 @@ def assignment(text: str, option: str = "--set") -> tuple[str, str]:
 
 
 def structure_of(rig: Structure | str | Path) -> dict[str, Any]:
-    """`to_dict` of a structure, of its TOML file, or of the structure of a result's file."""
+    """`to_dict` of a structure: of an object, of a TOML file, or of a result's file."""
     if not isinstance(rig, Structure) and Path(rig).suffix == ".nc":
         if not (found := structure_in(open_dataset(os.fspath(rig)))):
             raise InputError(
@@ -194,7 +194,7 @@ def structure_of(rig: Structure | str | Path) -> dict[str, Any]:
 
 
 def own_structure(rig: Structure | str | Path) -> Structure:
-    """The structure of `structure_of`, with the eigenvectors that its TOML file keeps."""
+    """The structure of `structure_of`, with the eigenvectors that its TOML file requests."""
     if isinstance(rig, Structure):
         return rig
     if Path(rig).suffix == ".nc":
@@ -209,7 +209,7 @@ def own_structure(rig: Structure | str | Path) -> Structure:
 
 
 def _kept(content: Mapping[str, Any]) -> dict[str, Any]:
-    """`to_dict` of the structure that the file of a named rig holds; what is None is left out there."""
+    """`to_dict` of the structure in the file of a named rig, in which None is left out."""
 
     def whole(given: Mapping[str, Any]) -> dict[str, Any]:
         wider = whole(given["wider"]) if "wider" in given else None
@@ -222,7 +222,7 @@ def _kept(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read(file: str | Path, option: str = "--config") -> Request:
-    """The request of a TOML file, or with the structure of one; an `InputError` says what is wrong with it."""
+    """The request in a TOML file, or for the structure in it; an `InputError` says what is wrong with the file."""
     if Path(file).suffix == ".nc":
         return Request(structure=structure_of(file))
     with toml(file, f"{option} {file}") as content:
@@ -236,7 +236,7 @@ def read(file: str | Path, option: str = "--config") -> Request:
                 raise InputError(f"{key} = {value!r}: it must be {allowed}")
         values, scatter = content.pop("set", {}), content.pop("scatter", {})
         if not all(isinstance(word, str) for word in (*scatter.values(), *content.get("record", ()))):
-            raise InputError("scatter and record: their entries must be strings")
+            raise InputError("scatter and record: their values must be strings")
         for name in values.keys() & scatter.keys():
             raise InputError(f"{name}: it is in set and in scatter; give one of the two")
         return Request(**{**content, "values": values | scatter, "record": tuple(content.get("record", ()))})
@@ -244,7 +244,7 @@ def read(file: str | Path, option: str = "--config") -> Request:
 
 @contextmanager
 def toml(file: str | Path, where: str) -> Iterator[dict[str, Any]]:
-    """The content of a TOML file; an `InputError`, also of what is done with it, begins with `where`."""
+    """The content of a TOML file; an `InputError`, also one raised while it is used, begins with `where`."""
     try:
         yield tomllib.loads(expanded(file).read_text("utf-8"))
     except OSError as problem:

@@ -23,6 +23,8 @@ from sweeps import Axis, Grid, InputError, Sweep, Variable
 SAMPLES, SEED = 1024, 0
 # Values of an axis, and draws, that are checked before a run; others fail by themselves.
 CHECKED, DRAWS_CHECKED = 10_000, 16
+# Arguments of a study's function beside its parameters.
+GIVEN = ("rig", "scenes", "chains", "distributions", "record", "times")
 
 
 def sweep_of(
@@ -57,6 +59,8 @@ def sweep_of(
     InputError
         For a parameter or a series that does not exist, or a value out of range.
     """
+    for function in (study.function, *study.functions.values()):
+        _check_arguments(study, function)
     study, contacts = _of_contacts(of_structure(study, structure), structure)
     points = points_of(study, values or {}, rows or {}, (samples, seed), structure)
     dims = {"followed": points.followed or "followed"}
@@ -70,6 +74,21 @@ def sweep_of(
         points = replace(points, fixed={**points.fixed, **settings})
     _check(study, points)
     return _declared(study, points, outputs, coords)
+
+
+def _check_arguments(study: Study, function: Callable[..., Any]) -> None:
+    """Refuse a function with an argument that no call can give."""
+    known = {*study.parameters, *GIVEN}
+    for name, argument in inspect.signature(function).parameters.items():
+        if (
+            name not in known
+            and argument.default is argument.empty
+            and argument.kind not in (argument.VAR_POSITIONAL, argument.VAR_KEYWORD)
+        ):
+            raise InputError(
+                f"study {study.name}: its function takes {name!r}, which is no parameter; "
+                f"{suggest(name, known)}declare it, or take one of {', '.join(GIVEN)}"
+            )
 
 
 def _declared(study: Study, points: Points, outputs: Mapping[str, Variable], coords: Mapping[str, Axis]) -> Sweep:

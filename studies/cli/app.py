@@ -92,7 +92,7 @@ def command(name: str, short: str, *options: Any, kind: type[Command] = Command)
 
 @contextmanager
 def warned(report: Callable[[str], None]) -> Iterator[None]:
-    """Report warnings as lines: of unusual values, of mixed environments, of libraries."""
+    """Report warnings as lines, such as those on unusual values, mixed environments, and libraries."""
     with warnings.catch_warnings():
         warnings.simplefilter("default", UserWarning)
         warnings.showwarning = lambda text, *_: report(f"fiv: {text}")

@@ -69,9 +69,9 @@ def run(study: str, fail_fast: bool, yes: bool, share: str | None, **points: Any
 
 @contextmanager
 def _offering(assignments: Sequence[str], rig: str | None, out: str | None) -> Iterator[None]:
-    """Add to a refused results folder a command that keeps both: with a named rig, or with another folder.
+    """Add to the error of a refused results folder a command that keeps both results.
 
-    They are named after the requested values.
+    It uses a named rig or another folder, which is named after the requested values.
     """
     from studies.asking import rigs
     from studies.declaring.parameters import RIG
@@ -82,6 +82,8 @@ def _offering(assignments: Sequence[str], rig: str | None, out: str | None) -> I
     except LockedError:
         raise
     except StoreError as problem:
+        if "has other" not in str(problem):
+            raise
         own = [text for text in assignments if text.partition("=")[0].strip() in RIG]
         if rigs.is_name(rig) and rig is not None:
             raise
@@ -102,7 +104,7 @@ def _offering(assignments: Sequence[str], rig: str | None, out: str | None) -> I
 
 
 def _with_rig(name: str, own: Sequence[str]) -> str:
-    """The command of this process with a named rig in place of its own numbers, or of its file."""
+    """The command of this process, with a named rig in place of its numbers or of its file."""
     words, left = list[str](), iter(shlex.split(typed_command("--fresh")))
     for word in left:
         option, equals, value = word.partition("=")
@@ -132,7 +134,7 @@ def _values(standard_error: float | None, options: dict[str, Sequence[str]]) -> 
 
 
 def _planned(study: str, options: dict[str, Any], writing: bool) -> tuple[Study, Plan, Request, list[str]]:
-    """Study, plan, request and warnings. Options win over a file, and that over a result given as STUDY."""
+    """Study, plan, request and warnings. Options override a file, and a file overrides a result given as STUDY."""
     from fivcore import Structure
     from studies import registry, runner
     from studies.answering import results

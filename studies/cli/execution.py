@@ -1,4 +1,4 @@
-"""Execute a plan: ask, compute, print the numbers; or what an interrupted run has stored."""
+"""Execute a plan: ask for confirmation, compute, and print numbers, or the state of an interrupted run."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MEASURED_SECONDS = 0.15
 
 
 def estimated(study: Study, planned: Plan) -> tuple[Plan, str]:
-    """A plan and its report; with the time of the reference by points, unless an earlier run tells better."""
+    """A plan and its report; its time is the reference's for as many points, or that of an earlier run."""
     entry = {"seconds": nan, "points": 1} | catalogue().get(study.like or study.name, {})
     members = planned.sweep.constants.get("members", 1) if study.like else 1
     points = members * planned.requested_count * planned.todo / max(planned.distinct, 1)
@@ -49,9 +49,10 @@ def estimated(study: Study, planned: Plan) -> tuple[Plan, str]:
 
 
 def timed(plan: Plan) -> Plan:
-    """A plan with its time on one core as some of its points, computed now, tell; NaN if all of them fail.
+    """A plan with its time on one core, from some of its points, computed now; NaN if all of them fail.
 
-    The results are thrown away. The first batch pays for compilation and caches; it counts only if it is all.
+    Their results are discarded. The first batch includes compilation and caches, and counts only if it is the only
+    one.
     """
     seconds, spent, due = nan if plan.todo else 0.0, 0.0, plan.due.nonzero()[0]
     # Spread over the work, since costs may differ from end to end.
@@ -87,7 +88,7 @@ def with_axes(study: Study, planned: Plan, text: str) -> str:
 def execute(
     study: Study, planned: Plan, how: tuple[str | None, int | None], fail_fast: bool, yes: bool, lines: list[str]
 ) -> None:
-    """Show a plan and warnings, ask where it takes long or is unusual, execute it, and print its numbers."""
+    """Show a plan and warnings, ask if it is long or unusual, execute it, and print its numbers."""
     from studies import runner
 
     backend = runner.backend(*how)
@@ -114,7 +115,7 @@ def execute(
 
 @contextmanager
 def watched(planned: Plan) -> Iterator[_Last]:
-    """Show the progress of a plan that is executed within; an interrupted one ends with what is stored."""
+    """Show the progress of a plan that is executed in this context; report what is stored if it is interrupted."""
     from studies.answering import results
     from studies.cli.progress import progress
     from sweeps import ClusterLostError, FailedPointsWarning
@@ -136,7 +137,7 @@ def watched(planned: Plan) -> Iterator[_Last]:
 
 
 def report(study: Study, finished: RunResult, adopted: str = "", remark: str = "") -> NoReturn:
-    """Print the numbers of a finished run, and what differs, moved or failed; end with the exit code."""
+    """Print the numbers, differences and failures of a finished run; end with its exit code."""
     from studies.answering import summary
 
     parts = [*summary.parts(study, finished.dataset)]
@@ -163,7 +164,7 @@ def report(study: Study, finished: RunResult, adopted: str = "", remark: str = "
 
 
 class _Last:
-    """Passes snapshots on and keeps the last, whose counts a run that ends early reports."""
+    """Passes snapshots on and keeps the last one, for the report of a run that ends early."""
 
     callback: Progress | None = None
     snapshot: Snapshot | None = None
@@ -174,7 +175,7 @@ class _Last:
             self.callback(snapshot)
 
     def stored(self, planned: Plan) -> str:
-        """How much is stored, in the plan's counting, and how to go on."""
+        """The number of stored computations, and the command that continues."""
         now = self.snapshot
         done, todo = (now.done, now.todo) if now else (planned.cached, planned.cached + planned.todo)
         if not done:
@@ -184,5 +185,5 @@ class _Last:
 
 
 def typed_command(*without: str) -> str:
-    """The command of this process, as one would type it, without some of its options."""
+    """The command line of this process without some of its options."""
     return shlex.join(["fiv", *(word for word in sys.argv[1:] if word not in without)])

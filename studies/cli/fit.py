@@ -19,7 +19,7 @@ DRAWS = (
 )
 
 
-@command("fit", "Which parameters give what was observed.", FILE, RIG, *DRAWS, *STORED[:2], *HOW[:2])
+@command("fit", "Find parameters from measurements.", FILE, RIG, *DRAWS, *STORED[:2], *HOW[:2])
 def fit(
     file: str,
     rig: str | None,

@@ -1,4 +1,4 @@
-"""Checks of an installation: what it computes, stores and draws, each with its value and its bound.
+"""Checks that an installation computes, stores and draws correctly, each with its value and its bound.
 
 Constants are the reference's, to ten digits (fiv query table4 --show frequency --format csv; likewise the onsets).
 """
@@ -40,7 +40,7 @@ def machine() -> str:
 
 
 def checks(folder: Path) -> Iterator[Found]:
-    """Every check; `folder` takes what they write. An exception is a check that failed, and the others go on."""
+    """Run all checks, which write into `folder`. One that raises an exception fails; the others continue."""
     for check in (stability, motion, engine, study):
         try:
             yield from check(folder)
@@ -107,7 +107,7 @@ def study(folder: Path) -> Iterator[Found]:
 
 
 def _near(what: str, ours: Any, theirs: Any, bound: float = ROUNDING) -> Found:
-    """Whether values are those expected, relative to the largest."""
+    """Whether values agree with the expected ones, relative to the largest."""
     what, value, most, passed = _below(
         what, float(np.max(np.abs(np.subtract(ours, theirs))) / np.max(np.abs(theirs))), bound
     )

@@ -1,4 +1,4 @@
-"""The command line's entry: exit codes, and one line for what is wrong."""
+"""Entry point of the command line: exit codes and error messages of one line."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def main() -> NoReturn:
 
 
 def _open_streams() -> None:
-    """Make standard streams take any text; open closed ones, whose numbers and output a file would get."""
+    """Let standard streams accept any text, and open closed ones, whose numbers a file would otherwise get."""
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "r+", encoding="utf-8"))  # noqa: SIM115 - until the end
@@ -65,7 +65,7 @@ def _open_streams() -> None:
 
 
 def unfit() -> str:
-    """The installed libraries that are not those that fiv requires, in a line; "" if all are."""
+    """Installed libraries whose versions fiv does not support, in a line; "" if there are none."""
     from importlib.metadata import PackageNotFoundError, requires, version
 
     lines, needed = list[str](), list[str]()
@@ -88,7 +88,7 @@ def unfit() -> str:
 
 
 def in_options(text: str) -> str:
-    """A message with options in place of the arguments of Python that it names."""
+    """A message in which the names of Python arguments are replaced by options."""
     text = re.sub(r"\b(fresh|strict|retry_failed|fail_fast)=True\b", lambda m: f"--{m[1].replace('_', '-')}", text)
     text = text.replace("as rig=...", "as --rig NAME").replace("leave strict out", "leave --strict out")
     text = re.sub(r"\brig='?([\w-]+)'?", r"--rig \1", text)
@@ -99,7 +99,7 @@ def in_options(text: str) -> str:
 
 
 def _code_of(problem: Exception) -> int:
-    """Print what went wrong in one line, of a fault of our own with its traceback; its exit code."""
+    """Print an error in one line, or with its traceback if it is a bug of fiv; return its exit code."""
     names = {kind.__name__ for kind in type(problem).__mro__ if kind.__module__.startswith(("fivcore", "sweeps"))}
     code, text = next((CODES[name] for name in CODES if name in names), INTERNAL), str(problem)
     if isinstance(problem, click.ClickException):
@@ -107,6 +107,10 @@ def _code_of(problem: Exception) -> int:
         if name := text.partition("No such command '")[2].partition("'")[0]:
             study = name in catalogue() or name.endswith((".py", ".nc"))
             text = f"{name} is no command; write: fiv run {name}" if study else f"{text} All of them: fiv --help"
+            if name == "help" and sys.argv[2:]:
+                text += f"; the options of one: fiv {sys.argv[2]} --help"
+        if text == "Missing argument 'STUDY'.":
+            text = "STUDY is missing: give a study, for example fig5, or your own file; fiv list names the studies"
         if "extra argument" in text and "=" in text:
             text += "; a value needs --set before it, or --fix for a map"
     elif isinstance(problem, MemoryError):

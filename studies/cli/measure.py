@@ -1,4 +1,4 @@
-"""The command that looks at a measured signal. Heavy packages are imported inside it."""
+"""The command `measure` for measured signals. Heavy packages are imported inside it."""
 
 from __future__ import annotations
 
@@ -17,22 +17,24 @@ from studies.cli.output import columns, say, show
 if TYPE_CHECKING:
     from studies.study import Study
 
-UNIT = "Unit of a measured signal, mm/s; with a number what 1 in its file, or WAV's full scale, is: 50mm/s."
+UNIT = "Unit of a measured signal, such as mm/s; 50mm/s if 1 in its file, or a WAV's full scale, is 50 mm/s."
 SIGNAL = (
     option("--unit", metavar="U", help=UNIT),
-    option("--rate", metavar="HZ", help="Sampling rate of a measured signal, 50kHz, if its file does not say it."),
+    option(
+        "--rate", metavar="HZ", help="Sampling rate of a measured signal, such as 50kHz, if it is not in the file."
+    ),
     option("--channel", metavar="NAME|N", help="Channel of a measured file with several."),
 )
 DRAWN = option("--measured", metavar="FILE", help="A measured velocity (fiv measure) to draw beside that of B.")
 BAND = option(
-    "--band", metavar="LOW:HIGH", default="200Hz:10kHz", show_default=True, help="Where the dominant frequency is."
+    "--band", metavar="LOW:HIGH", default="200Hz:10kHz", show_default=True, help="Band of the dominant frequency."
 )
 NOTE = """
-A run's summary knows the contact, this only the signal: quiet spells, by its envelope, are not sticks, and the
-dominant frequency is outside of them. Periodicity is the autocorrelation after 20 of its periods."""
+A signal does not show the state of the contact: quiet spells are read from its envelope and differ from sticks.
+The dominant frequency is that outside quiet spells. Periodicity is the autocorrelation after 20 of its periods."""
 
 
-@command("measure", "What can be said of a measured signal.", click.argument("file"), *SIGNAL, BAND)
+@command("measure", "Statistics of a measured signal.", click.argument("file"), *SIGNAL, BAND)
 def measure(file: str, band: str, **which: Any) -> None:
     """Main frequency, lines, RMS, periodicity and quiet spells of a signal: CSV, WAV, universal file 58, MATLAB.
 
@@ -40,8 +42,8 @@ def measure(file: str, band: str, **which: Any) -> None:
     fiv measure squeal.csv
     fiv run fig7 --measured squeal.csv
 
-    The observer of a run's velocity of B looks at it, in its own unit; nothing is integrated. A table says its
-    times and units in its heads, like t [ms] and v_B [mm/s], or --rate and --unit do.
+    The signal is analysed like the velocity of B in a run, in its own unit; nothing is integrated. Times and units
+    of a table are in its heads, such as t [ms] and v_B [mm/s], or in --rate and --unit.
     """  # noqa: D301 - the backspace tells click to keep the lines
     from studies.answering import measured
     from studies.declaring import spec
@@ -66,7 +68,7 @@ def measure(file: str, band: str, **which: Any) -> None:
 
 
 def beside(study: Study, file: str | None, **which: Any) -> Study:
-    """The study, with the measured signal of a file in its figure if one is given."""
+    """The study whose figure also shows the measured signal of a file, if one is given."""
     from studies import registry
     from studies.answering import measured
     from sweeps import InputError

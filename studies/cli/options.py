@@ -1,4 +1,4 @@
-"""Arguments and options that commands share. Nothing heavy is imported, so that `fiv --help` answers at once."""
+"""Arguments and options that commands share. No heavy package is imported, so that `fiv --help` is fast."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def _studies(context: click.Context, argument: click.Parameter, incomplete: str)
 
 
 def result_names(out: str | None = None) -> list[str]:
-    """Names of what the results folder seems to hold, without a look into it."""
+    """Names of results in the results folder, by file names only."""
     return sorted({path.name.partition(".nc")[0] for path in _folder(out).glob("*/[!.]*.nc*")})
 
 
 def rig_names(out: str | None = None) -> list[str]:
-    """Names of the folders that rigs have there: those with a file of theirs, and the paper's."""
+    """Names of the rigs with a folder there: those with a rig file, and the paper's."""
     folder = _folder(out)
     return sorted({path.parent.name for path in (*folder.glob("*/rig.toml"), *folder.glob("paper/*/[!.]*.nc"))})
 
@@ -71,7 +71,7 @@ SPECS = "mu=0.2, V=1,2mm/s, mu=0:0.5:101 (start:stop:count), mu=log:1e-3:1:30, V
 KEYS = "set and scatter (tables), study, points, record, sample_rate, samples, seed, scheduler, workers"
 RIG_HELP = "A rig by name (fiv rig), in whose folder results lie; or a TOML file: a table [set], or a structure."
 RIG = option("--rig", metavar="NAME|FILE", shell_complete=_rigs, help=RIG_HELP)
-RIGS = option("--rig", metavar="NAME", shell_complete=_rigs, help="The rig whose results are meant (fiv rig).")
+RIGS = option("--rig", metavar="NAME", shell_complete=_rigs, help="Read the results of this rig (fiv rig).")
 # Options of `plan` and `run`: the points.
 POINTS = (
     option("--set", "assignments", multiple=True, metavar="NAME=SPEC", help=f"Values of a parameter: {SPECS}."),
@@ -122,6 +122,6 @@ QUERY = (
 FILM: Any = {"is_flag": False, "flag_value": "gif", "type": click.Choice(["gif", "mp4"]), "metavar": "[gif|mp4]"}
 # Options of `plot` and `structure`: what moves.
 MOVING = (
-    option("--animate", "film", **FILM, help="A film of what moves; mp4 needs ffmpeg; default: gif."),
+    option("--animate", "film", **FILM, help="A film of the motion; mp4 needs ffmpeg; default: gif."),
     option("--vtu", is_flag=True, help="What moves as a series that ParaView plays: FILE.pvd."),
 )

@@ -1,4 +1,4 @@
-"""Printing: data on standard output, the rest on standard error, without what a terminal obeys."""
+"""Printing: data on standard output, messages on standard error, without control characters."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ FLAGS = {"quiet": False, "verbose": False}
 
 
 def harmless(text: str) -> str:
-    r"""The text with \x1b in place of an escape, and so on; \r\n, the end of a line, becomes \n."""
+    r"""The text with control characters written out, an escape as backslash x1b; line ends become newlines."""
     return OBEYED.sub(lambda found: found[0].encode("unicode_escape").decode(), text.replace("\r\n", "\n"))
 
 
 def show(text: str, *, err: bool = False, end: str = "\n", raw: bool = False) -> None:
-    """Print a text at once; `raw` as it is, for programs. What standard error does not take is lost.
+    """Print a text at once; `raw` without changes, for programs. Errors of standard error are ignored.
 
-    Ends the program where standard output cannot be written: with 0 if its reader has closed it, else with 3.
+    If standard output cannot be written the program ends: with 0 if its reader has closed it, else with 3.
     """
     try:
         print(text if raw else harmless(text), file=sys.stderr if err else sys.stdout, end=end, flush=True)
@@ -43,7 +43,7 @@ def tell(text: str) -> None:
 
 
 def say(*lines: str) -> None:
-    """Print what is no data, unless -q forbids it."""
+    """Print a message on standard error, unless -q suppresses it."""
     for line in () if FLAGS["quiet"] else lines:
         show(line, err=True)
 
@@ -55,7 +55,7 @@ def columns(rows: Sequence[Sequence[str]]) -> str:
 
 
 def rough_duration(seconds: float) -> str:
-    """A time for a reader who plans the day: "instantly", "about 8 min"."""
+    """A time in words, rounded for planning: "instantly", "about 8 min"."""
     if seconds < 1.0:
         return "instantly"
     units = ((90.0, 1.0, "s"), (5400.0, 60.0, "min"), (172800.0, 3600.0, "h"), (inf, 86400.0, "days"))

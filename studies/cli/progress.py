@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 INTERVAL = 5.0  # between two plain lines, s
 # What the first run takes more than the second, s: `fiv run fig5` of an AMD EPYC 8, on a busy one 20.
 COMPILING = "up to 20 s"
-STOPPING = "stopping after what is under way; Ctrl-C again: now"
+STOPPING = "stopping after the computations in progress; press Ctrl-C again to stop now"
 
 
 @contextmanager
@@ -34,7 +34,7 @@ def progress(todo: int) -> Iterator[Progress | None]:
 
 
 def progress_lines(snapshot: Snapshot) -> list[str]:
-    """Failures, rate and time left of a run, as far as they are known."""
+    """Failures, rate and remaining time of a run, as far as they are known."""
     from sweeps import duration
 
     texts = [f"{snapshot.failed} failed"] if snapshot.failed else []
@@ -43,7 +43,7 @@ def progress_lines(snapshot: Snapshot) -> list[str]:
 
 
 def announce_compiling() -> None:
-    """Print a line when the first kernel is compiled: in the first run of an installation that can keep it."""
+    """Print a line when the first kernel is compiled, once for an installation that caches it."""
     from numba.core import caching, event
 
     class Compiling(event.Listener):
@@ -52,7 +52,7 @@ def announce_compiling() -> None:
         def on_start(self, happening: Any) -> None:
             if not self.announced:
                 kept = not isinstance(happening.data["dispatcher"]._cache, caching.NullCache)
-                every = "in every run, for no folder keeps what is compiled (NUMBA_CACHE_DIR can name one)"
+                every = "in every run, since no folder keeps compiled code (NUMBA_CACHE_DIR can name one)"
                 tell(f"compiling, {'once for this installation' if kept else every}: {COMPILING}")
             self.announced = True
 

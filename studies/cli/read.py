@@ -26,9 +26,9 @@ ONE = target("study", "[STUDY]", required=False)
 SCREEN = 100  # rows of a table that need no note
 
 
-@command("list", "Your results, and the studies: what each asks, its size and its time.", ONE, OUT)
+@command("list", "Your results, and the studies with their questions, sizes and times.", ONE, OUT)
 def list_studies(study: str | None, out: str | None) -> None:
-    """Your results, then the studies: what each asks, its size, and its reference's time on one core.
+    """Your results, then the studies with question, size, and time of the reference on one core.
 
     With the name of one: what the paper says, and all its parameters.
 
@@ -59,7 +59,7 @@ def list_studies(study: str | None, out: str | None) -> None:
 
 
 def _study(name: str, out: str | None, known: int | None) -> tuple[Study, int]:
-    """A study, or that of a result in the folder, and the number of its points, which may cost a computation."""
+    """A study, by its name or from a result in the folder, and its number of points."""
     from studies import registry, runner
     from studies.answering import results
     from studies.asking.sweep import sweep_of
@@ -100,7 +100,7 @@ def show_status(target: str | None, as_json: bool, rig: str | None, out: str | N
         {"rig": name, **row} for name in rig_names(out) for row in _rows(str(results.results_folder(out) / name))
     ]
     command = results.command("run", registry.names_for("first")[0], out)
-    begin = f"{results.results_folder(out)} has no result; begin with: {command}"
+    begin = f"{results.results_folder(out)} has no results; begin with: {command}"
     show(json.dumps(rows) if as_json else _grouped(out) or begin)
 
 
@@ -109,7 +109,7 @@ def _table(rows: list[dict[str, str]]) -> str:
 
 
 def _grouped(out: str | None) -> str:
-    """The results of the folder, then those of each rig under its name and numbers; "" if there are none."""
+    """The results of the folder, then those of each rig below its name and numbers; "" if there are none."""
     parts = [_table(_rows(out))] if result_names(out) else []
     for name in rig_names(out):
         from studies.answering.results import results_folder
@@ -137,7 +137,7 @@ def _rows(out: str | None) -> list[dict[str, str]]:
 
 
 def _row(file: Path, size: float, date: float) -> dict[str, str]:
-    """A result in the table of the results folder; as `Snapshot` it counts computations until it is whole."""
+    """The row of a result in the table of the results folder; an unfinished one counts computations."""
     from datetime import datetime
 
     import sweeps
@@ -221,7 +221,9 @@ FORM = click.option("--format", "form", type=FORMS, default="png", show_default=
 LOOK = (
     click.option("--width", metavar="LENGTH", help="Width of a column of a journal: 88mm; default: 180mm."),
     click.option(
-        "--title/--no-title", default=True, help="Without: no title, nor what was set below; both are printed."
+        "--title/--no-title",
+        default=True,
+        help="Leave out the title and the settings below the figure; both are printed.",
     ),
     click.option("--font", metavar="FONT", help="A family of fonts, or a .ttf file."),
     click.option(
@@ -301,7 +303,7 @@ def report(targets: tuple[str, ...], rig: str | None, out: str | None, file: str
 
 
 def _place(rig: str | None, out: str | None, target: str | None = None) -> str | None:
-    """The results folder that is read, of a rig its own; one that is named must exist."""
+    """The results folder to read, or that of a rig; one that is named must exist."""
     from studies.answering.results import existing, is_script
     from studies.asking import rigs
 
@@ -311,7 +313,7 @@ def _place(rig: str | None, out: str | None, target: str | None = None) -> str |
 
 
 def _file(target: str, out: str | None) -> Path:
-    """The file of the result that STUDY|PATH names, with a note where it is the reference's."""
+    """The file of the result that STUDY|PATH names, with a note if it is the reference's."""
     from studies import registry
     from studies.answering import results
     from studies.declaring.parameters import suggest
@@ -321,12 +323,14 @@ def _file(target: str, out: str | None) -> Path:
     file = results.results_file(name, out)
     if not results.is_path(target) and not Store(file).exists():
         names = [path.stem for path in results.stored(out)]
-        has = f"{results.results_folder(out).resolve()} has {', '.join(names) or 'no result'}"
+        folder = results.results_folder(out).resolve()
+        found = f"{folder} has results of {', '.join(names)}" if names else f"{folder} is empty"
+        found = found if folder.is_dir() else f"the folder {folder} does not exist; name another one with --out"
         if name in registry.names() or results.is_script(target):
             raise MissingFileError(
-                f"no result {name!r}; {has}; compute it with: {results.command('run', target, out)}"
+                f"no result {name!r}; {found}; compute it with: {results.command('run', target, out)}"
             )
-        raise MissingFileError(f"no result {name!r}; {suggest(name, [*names, *registry.names()])}{has}")
+        raise MissingFileError(f"no result {name!r}; {suggest(name, [*names, *registry.names()])}{found}")
     if notice := results.notice(name, out):
         say(f"fiv: {notice}")
     return file

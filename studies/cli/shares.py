@@ -1,4 +1,4 @@
-"""The command that assembles the shares of a run. Heavy packages are imported inside it."""
+"""The command `merge` for shares of a run. Heavy packages are imported inside it."""
 
 from __future__ import annotations
 

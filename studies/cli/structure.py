@@ -1,4 +1,4 @@
-"""The command that shows what was read of a structure of one's own. Heavy packages are imported inside it."""
+"""The command `structure`, which shows a user's structure. Heavy packages are imported inside it."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def structure(
 
 
 def structure_lines(own: Structure) -> Iterator[str]:
-    """Its modes, what the contact moves, preload, rigid motions, and damping with the contact tied, as lines."""
+    """Modes, contact rows, preload, rigid motions, and damping with the contact tied, as lines."""
     import numpy as np
 
     from fivcore import InputError
@@ -167,7 +167,7 @@ def structure_lines(own: Structure) -> Iterator[str]:
 
 
 def contacts(own: Structure, load: float) -> Iterator[str]:
-    """What each contact bears under a load, N, how far it is open, and what it moves, as lines."""
+    """Force at each contact under a load, N, its gap, and its rows, as lines."""
     forces, gaps = own.equilibrium(load)
     heads = ("contact", "friction", "initial gap m", "force N", "gap m", "normal kg", "tangential kg")
     own_columns = own.friction, own.gap, forces, gaps
@@ -181,12 +181,12 @@ def contacts(own: Structure, load: float) -> Iterator[str]:
 
 
 def effective_mass(own: Structure, row: Any) -> float:
-    """The mass that the contact moves along a gap at once, 1 / sum(row^2) of the computed modes, kg."""
+    """Effective mass along a gap, 1 / sum(row^2) over the computed modes, kg."""
     return float(1.0 / max(float((row[: len(own.frequency)] ** 2).sum()), 1e-300))
 
 
 def _onsets(onsets: FlutterOnsets, fmax: float, mu: float) -> Iterator[str]:
-    """Where modes begin to grow and where they recover, ascending in mu, and where the contact jams."""
+    """Onsets and recoveries, ascending in mu, and the friction at which the contact jams."""
     crossings = [(a, b, "onset") for a, b in zip(onsets.mu, onsets.frequency, strict=True)]
     crossings += [(a, b, "recovery") for a, b in zip(onsets.recovery_mu, onsets.recovery_frequency, strict=True)]
     crossings += [(each, fmax, "a growing pair enters the band") for each in onsets.entry_mu]
@@ -198,7 +198,7 @@ def _onsets(onsets: FlutterOnsets, fmax: float, mu: float) -> Iterator[str]:
 
 
 def _sliding(own: Structure, fmax: float, mu: float, load: float) -> Iterator[str]:
-    """Frequencies of the modes along friction, by the numbers that they keep, and how fast they grow."""
+    """Frequencies and growth rates of the modes along friction, by their numbers."""
     import numpy as np
 
     from fivcore import InputError, followed_modes

@@ -1,1 +1,1 @@
-"""What a study depends on: parameters, how their values are written, and how they are labelled."""
+"""Declarations: parameters of studies, the syntax of their values, units and labels."""

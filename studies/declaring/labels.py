@@ -1,4 +1,4 @@
-"""How names, units and numbers are written for a reader: symbols, millimetres, words of flags."""
+"""Names, units and numbers as readers see them: symbols, millimetres, words of flags."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ SYMBOLS = {"theta": "θ", "mu": "μ"}
 
 
 def counted(count: int, size: int, noun: str = "point") -> str:
-    """How many of some things: "every point", "no point", or "3 of 8 points"."""
+    """A count in words: "every point", "no point", or "3 of 8 points"."""
     words = {size: f"every {noun}", 0: f"no {noun}"}
     return words.get(count, f"{count} of {size} {noun}s")
 
 
 def unit_of(array: xr.DataArray) -> tuple[str, float]:
-    """The unit in which a reader has an array, and the factor to it."""
+    """The unit in which an array is shown to a reader, and the factor to it."""
     units = str(array.attrs.get("units", "1"))
     if units == "s" and str(array.name).removesuffix("_se").endswith("_time"):
         return "ms", 1e3
@@ -41,7 +41,7 @@ def unit_of(array: xr.DataArray) -> tuple[str, float]:
 
 
 def title(name: str, array: xr.DataArray | None = None) -> str:
-    """The name of a quantity for a reader: a symbol, or its name in words."""
+    """The name of a quantity for a reader: a symbol, or words."""
     if array is None:
         return SYMBOLS.get(
             name, re.sub(r"^p(?=[12] )|\brms\b", lambda found: found[0].upper(), name.replace("_", " "))
@@ -59,13 +59,13 @@ def label(array: xr.DataArray, *, long: bool = False) -> str:
 
 
 def readable(array: xr.DataArray) -> xr.DataArray:
-    """An array in a reader's unit."""
+    """An array in the unit of a reader."""
     factor = unit_of(array)[1]
     return array if factor == 1.0 or array.dtype.kind not in "iuf" else array.astype(float) * factor
 
 
 def named(name: str, value: Any, units: str = "") -> str:
-    """A value of a parameter: "V = 2 mm/s"; a word as it is."""
+    """A parameter with its value: "V = 2 mm/s"; words are unchanged."""
     if isinstance(value, xr.DataArray):
         value, units = value.item(), units or str(value.attrs.get("units", "1"))
     if isinstance(value, str):
@@ -77,7 +77,7 @@ def named(name: str, value: Any, units: str = "") -> str:
 
 
 def number(value: Any) -> str:
-    """A number to four significant digits, a dash for NaN, a word as it is."""
+    """A number to four significant digits, a dash for NaN; words are unchanged."""
     if isinstance(value, (bool, np.bool_, str)):
         return str(value)
     if value is None or np.isnan(value):
@@ -88,7 +88,7 @@ def number(value: Any) -> str:
 
 
 def words(array: xr.DataArray) -> np.ndarray:
-    """The words of an array of flags; "-" where there is none."""
+    """The words of an array of flags; "-" for a missing one."""
     codes = np.atleast_1d(array.attrs["flag_values"]).tolist()  # netCDF returns a single one as a scalar
     texts = [text.replace("_", " ") for text in str(array.attrs["flag_meanings"]).split()]
     meanings = dict(zip(codes, texts, strict=True))
@@ -97,9 +97,9 @@ def words(array: xr.DataArray) -> np.ndarray:
 
 
 def frame(dataset: xr.Dataset, names: Sequence[str], along: str | Sequence[str] | None = None) -> pd.DataFrame:
-    """A table of variables and coordinates in a reader's units: heads are like "V mm/s", flags are words.
+    """A table of variables and coordinates in readers' units: heads like "V mm/s", flags as words.
 
-    `along` has the dimensions of the rows, by default those that the variables have.
+    `along` are the dimensions of the rows, by default those of the variables.
     """
     import pandas as pd
 

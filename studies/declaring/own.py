@@ -1,4 +1,4 @@
-"""The numbers that a structure of one's own has, by name, and the structure with others."""
+"""The numbers of a user's structure by name, and the structure with other numbers."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def parameters(structure: Structure) -> dict[str, Parameter]:
 
 
 def varied(structure: Structure, numbers: Mapping[str, float]) -> Structure:
-    """The structure with other numbers: `parameters` has their names.
+    """The structure with other numbers, named as in `parameters`.
 
-    Scales and frequencies leave the damping ratios, d1 and d2 as they are.
+    Scales and frequencies do not change the damping ratios, d1 and d2.
     """
     own, m = structure, len(structure.frequency)
     for name, value in numbers.items():

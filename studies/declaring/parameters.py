@@ -1,4 +1,4 @@
-"""Parameters: what a study depends on, and those that every rig, scene and run has."""
+"""Parameters of studies, and those common to all rigs, scenes and runs."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class Parameter:
 
 
 def suggest(name: str, names: Any) -> str:
-    """'did you mean ...? ' for a near miss, one letter of two too, or a part of a name; else nothing."""
+    """A hint, 'did you mean ...? ', at names that are similar or contain this one; else ''."""
     known, long = list(names), len(name) > 2
     near = difflib.get_close_matches(name, known, 1, 0.6 if long else 0.5)
     near += [each for each in known if each.endswith(f"_{name}")]
@@ -117,7 +117,7 @@ def suggest(name: str, names: Any) -> str:
 
 
 def check_keys(table: Mapping[str, Any], known: Collection[str], more: str = "") -> None:
-    """Refuse a key of a file that is none of those known."""
+    """Raise an `InputError` for an unknown key of a file."""
     for key in table:
         if key not in known:
             raise InputError(f"{key}: no such key; {suggest(key, known)}the keys are {', '.join(known)}{more}")
@@ -202,7 +202,7 @@ SLENDER = 8.0
 
 
 class UnusualWarning(UserWarning):
-    """A value that a rig like this hardly has."""
+    """A value is outside the usual range of such a rig."""
 
 
 def unusual(values: Mapping[str, Any], requested: Any) -> list[str]:
@@ -235,7 +235,7 @@ def unusual(values: Mapping[str, Any], requested: Any) -> list[str]:
 def warn_unusual(lines: Sequence[str], *, strict: bool) -> str:
     """Warn about unusual values and return a text for the file's history; if `strict`, raise an `InputError`."""
     if lines and strict:
-        raise InputError(f"{lines[0]}; leave strict out to compute it all the same")
+        raise InputError(f"{lines[0]} strict=True refuses unusual values")
     # The first caller outside this package gave the value.
     level, frame, package = 1, sys._getframe(), str(Path(__file__).parents[1])
     while frame.f_back is not None and frame.f_code.co_filename.startswith(package):

@@ -1,9 +1,10 @@
-"""SPEC, the way values are written on the command line, and which value of an axis a number means."""
+"""SPEC, the syntax of values on the command line, and the lookup of a number on an axis."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from decimal import Context, Decimal, localcontext
 from itertools import accumulate, repeat
 from operator import mul
@@ -86,7 +87,7 @@ def one(spec: str, name: str, units: str = "") -> float:
 
 
 def listed(spec: str, words: Sequence[str]) -> list[str]:
-    """The words of a list with commas, which the known `words` may contain themselves."""
+    """The words of a list with commas; `words` are known ones that may contain commas."""
     parts, entries = spec.split(","), list[str]()
     while parts:
         sizes = (n for n in range(len(parts), 0, -1) if ",".join(parts[:n]).strip() in words)
@@ -97,7 +98,7 @@ def listed(spec: str, words: Sequence[str]) -> list[str]:
 
 
 def count(spec: str) -> int:
-    """The most values that SPEC can have, without making them; 1 for what is no SPEC."""
+    """The largest number of values that SPEC can have, without creating them; 1 for a text that is no SPEC."""
     if ":" not in spec:
         return spec.count(",") + 1
     digits = re.match(r"\s*\d{1,18}", spec.rpartition(":")[2], re.ASCII)
@@ -105,7 +106,7 @@ def count(spec: str) -> int:
 
 
 def converted(spec: str, units: str, name: str = "it") -> str:
-    """SPEC as plain numbers in `units`; either each value bears a unit, or the last one that of all."""
+    """SPEC as plain numbers in `units`; each value bears a unit, or the last one bears the unit of all."""
     head = "log:" if spec.startswith("log:") else ""
     separator = ":" if ":" in spec else ","
     parts = [QUANTITY.fullmatch(part) for part in spec.removeprefix(head).split(separator)]
@@ -131,9 +132,9 @@ def converted(spec: str, units: str, name: str = "it") -> str:
 
 
 def refined(spec: str, name: str, levels: int, units: str = "") -> NDArray[Any]:
-    """The values of SPEC in order, their intervals halved `levels` times, those of a log: range geometrically.
+    """The values of SPEC in order, with intervals halved `levels` times, geometrically for a log: range.
 
-    The values of fewer levels are among those of more, bit for bit.
+    The values for fewer levels are among those for more, bit for bit.
     """
     values = np.unique(parse(spec, name, units))
     refusal = f"{name} = {spec!r}: it cannot be halved {levels} times; choose a smaller refine"
@@ -156,7 +157,8 @@ def _range(parts: list[str], *, logarithmic: bool) -> NDArray[Any]:
         raise InputError("a range must be start:stop:count")
     start, stop, number = finite(parts[0]), finite(parts[1]), parts[2]
     if not (number.isascii() and number.isdigit() and 1 <= int(number) <= MOST_VALUES):
-        raise InputError(f"count must be a whole number from 1 to {MOST_VALUES}, not {number!r}")
+        refusal = f"count must be a whole number from 1 to {MOST_VALUES}, not {number!r}"
+        raise InputError(refusal + _of_step(start, stop, number))
     if (int(number) == 1) != (start == stop):
         raise InputError("two equal ends have a count of 1, two others a larger one")
     if not np.isfinite(stop - start):
@@ -166,15 +168,24 @@ def _range(parts: list[str], *, logarithmic: bool) -> NDArray[Any]:
     return (logarithmically if logarithmic else evenly)(start, stop, int(number))
 
 
+def _of_step(start: float, stop: float, text: str) -> str:
+    """The range that is meant where its step stands in place of the count; "" if there is none."""
+    with suppress(InputError, ZeroDivisionError, OverflowError):
+        steps = (stop - start) / finite(text)
+        if 1.0 <= steps < MOST_VALUES and abs(steps - round(steps)) < 1e-6 * steps:
+            return f"; for a step of {text} write {typed(start)}:{typed(stop)}:{round(steps) + 1}"
+    return ""
+
+
 def evenly(start: float, stop: float, count: int) -> NDArray[Any]:
-    """Evenly spaced values as one would type them: 0.3 and not 0.30000000000000004."""
+    """Evenly spaced values with short decimals: 0.3 and not 0.30000000000000004."""
     with localcontext(EXACT):
         low, high = Decimal(repr(float(start))), Decimal(repr(float(stop)))
         return _floats(low + (high - low) * k / max(count - 1, 1) for k in range(count))
 
 
 def logarithmically(start: float, stop: float, count: int) -> NDArray[Any]:
-    """Values of equal ratio, likewise."""
+    """Values of equal ratio, with short decimals as in `evenly`."""
     with localcontext(EXACT):
         low, high = Decimal(repr(float(start))), Decimal(repr(float(stop)))
         ratio = ((high / low).ln() / max(count - 1, 1)).exp()
@@ -192,25 +203,25 @@ def has_unit(text: str) -> bool:
 
 
 def typed(value: float | str) -> str:
-    """A number as one types it, with all its digits; a word as it is."""
+    """A number as text that reads back exactly, without a trailing .0; words are unchanged."""
     return str(value) if isinstance(value, (str, int)) else repr(float(value)).removesuffix(".0")
 
 
 def joined(values: Iterable[float | str]) -> str:
-    """Values as a list that reads back, and that nobody takes for a decimal comma."""
+    """Values as a list that reads back, and that cannot be mistaken for a decimal comma."""
     texts = [typed(value) for value in values]
     return (", " if all(text.isdigit() for text in texts) else ",").join(texts)
 
 
 def finite(text: str) -> float:
-    """A finite number as one types it, or an `InputError`."""
+    """The finite number that a text spells, or an `InputError`."""
     if not (re.fullmatch(NUMBER, text, re.ASCII) and np.isfinite(float(text))):
         raise InputError(f"{text!r} must be a finite number")
     return float(text)
 
 
 def nearest(values: ArrayLike, number: float) -> tuple[Any, bool]:
-    """The value of an axis nearest to a number, and whether it is near enough to be meant.
+    """The value of an axis nearest to a number, and whether it is close enough to count as equal.
 
     0.1 + 0.2 finds 0.3, and a value in six digits is found again, on even axes and on logarithmic ones.
     """
@@ -223,13 +234,13 @@ def nearest(values: ArrayLike, number: float) -> tuple[Any, bool]:
 
 
 def is_logarithmic(values: Any) -> bool:
-    """Whether ascending values read better on a logarithmic axis: they span much, and their steps grow."""
+    """Whether ascending values suit a logarithmic axis: their range is wide, and their steps grow."""
     wide = values[0] > 0.0 and values[-1] >= WIDE * values[0]
     return bool(wide and (len(values) == 2 or values[-1] - values[-2] >= 2.0 * (values[1] - values[0])))
 
 
 def edges(values: NDArray[Any]) -> NDArray[Any]:
-    """Ends of the cell of each ascending value, half-way to its neighbours; in logarithms on such an axis."""
+    """Ends of the cell of each ascending value, midway to its neighbours; in logarithms on a logarithmic axis."""
     if len(values) == 1:
         reach = 0.5 * abs(float(values[0])) or 0.5
         return np.array([values[0] - reach, values[0] + reach])

@@ -1,4 +1,4 @@
-"""Units as people write them, `mm/s`, `m s-1`, `degree`; pint knows their factors."""
+"""Conversion of units such as `mm/s`, `m s-1`, `degree` by pint."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class UnitError(InputError):
 
 
 def convert(value: float, unit: str, own: str, name: str = "the value") -> float:
-    """A value in `unit` as one in `own`, to 15 digits; a `UnitError` says what the unit measures."""
+    """Convert a value from `unit` to `own`, to 15 digits; a `UnitError` says what the unit measures."""
     if unit == own:
         return value
     given, needed = _unit(unit), _unit(own)
@@ -49,7 +49,7 @@ def convert(value: float, unit: str, own: str, name: str = "the value") -> float
 
 @cache
 def _unit(text: str) -> Any:
-    """One of a unit, as a quantity of pint."""
+    """One `unit` as a quantity of pint."""
     from pint import application_registry as registry  # slow to import, and most commands convert nothing
 
     if text.strip() in ("", "1", "-"):

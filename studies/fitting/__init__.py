@@ -1,1 +1,1 @@
-"""Fits: which parameters give what was observed, by weighted draws in rounds."""
+"""Fits of parameters to observations, by rounds of weighted draws."""

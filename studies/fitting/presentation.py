@@ -36,7 +36,7 @@ LOGARITHMIC = ("lognormal:", "loguniform:")
 
 
 def quantiles(values: Any, weights: Any, levels: Any = ENDS) -> Any:
-    """Quantiles of weighted values; without a value or a weight a draw does not count."""
+    """Quantiles of weighted values; draws without a value or a weight do not count."""
     counts = np.isfinite(values) & (weights > 0.0)
     values, weights = values[counts], weights[counts]
     order = np.argsort(values)
@@ -54,7 +54,7 @@ def parts(dataset: xr.Dataset) -> tuple[dict[str, uncertainty.Distribution], lis
 
 
 def learnt(dataset: xr.Dataset) -> tuple[list[str], list[str]]:
-    """Unknowns whose posterior is their prior, as far as so many draws tell, and pairs that are known together."""
+    """Unknowns whose posterior equals their prior within the sampling error, and strongly correlated pairs."""
     priors, _, weights = parts(dataset)
     levels = np.stack([prior.cdf(dataset[name].values) for name, prior in priors.items()])
     spread = np.atleast_2d(np.cov(levels, aweights=weights, ddof=0))
@@ -91,9 +91,9 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     yield "Unknowns", pd.DataFrame(rows, columns=heads)
     silent, pairs = learnt(dataset)
     if silent:
-        yield f"The data say nothing of: {', '.join(silent)}."
+        yield f"The data do not constrain {', '.join(silent)}."
     if pairs:
-        yield f"Known together better than alone (correlation): {', '.join(pairs)}."
+        yield f"Known better together than alone (correlated): {', '.join(pairs)}."
     table, never = [], list[str]()
     for target in targets:
         values, (unit, factor) = dataset[target["name"]].values, labels.unit_of(dataset[target["name"]])
@@ -113,7 +113,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """Predictions beside measurements; each unknown with its prior; pairs, where the densest 50 and 90 % are."""
+    """Predictions beside measurements, unknowns with their priors, and 50 and 90 % regions of pairs."""
     priors, targets, weights = parts(dataset)
     names, n = list(priors), len(priors)
     layout = [["targets"] * n, *([f"{k} {j}" if j <= k else "." for j in range(n)] for k in range(n))]
@@ -138,7 +138,7 @@ def draw(dataset: xr.Dataset) -> Figure:
 
 
 def _middles(draws: xr.DataArray, weights: Any, prior: str) -> xr.DataArray:
-    """Middles of the bins in which an unknown is drawn: about its posterior."""
+    """Midpoints of the bins of an unknown, around its posterior."""
     ends = quantiles(draws.values, weights, (0.002, 0.998))
     wide = prior.startswith(LOGARITHMIC) and ends[1] > spec.WIDE * ends[0]
     low, high = np.log(ends) if wide else ends
@@ -148,7 +148,7 @@ def _middles(draws: xr.DataArray, weights: Any, prior: str) -> xr.DataArray:
 
 
 def _pair(axes: Axes, draws: Any, weights: Any, edges: Any) -> None:
-    """The densest 50 and 90 % of a smoothed histogram of two unknowns."""
+    """Regions of highest density, 50 and 90 %, of a smoothed histogram of two unknowns."""
     from scipy.ndimage import gaussian_filter
 
     counts = gaussian_filter(np.histogram2d(draws[0], draws[1], edges, weights=weights)[0], SMOOTH)
@@ -159,7 +159,7 @@ def _pair(axes: Axes, draws: Any, weights: Any, edges: Any) -> None:
 
 
 def _predictions(axes: Axes, dataset: xr.Dataset, targets: Any, weights: Any) -> None:
-    """Medians and intervals of the prediction of each target, by how many deviations it is off the measurement."""
+    """Median and interval of each target's prediction, as deviations from the measurement."""
     for k, target in enumerate(targets):
         off = (quantiles(dataset[target["name"]].values, weights) - target["value"]) / (target["within"] or 1.0)
         axes.plot(off[[0, 2]], [k, k], color=figures.BLUE)
@@ -172,6 +172,10 @@ def _predictions(axes: Axes, dataset: xr.Dataset, targets: Any, weights: Any) ->
 
 def study(dataset: xr.Dataset) -> Study:
     """A study that presents the result of a fit."""
-    about = str(dataset.attrs["sweep"]), str(dataset.attrs["title"]), "Which parameters give what was observed?"
+    about = (
+        str(dataset.attrs["sweep"]),
+        str(dataset.attrs["title"]),
+        "Which parameters agree with the measurements?",
+    )
     figure = draw if "weight" in dataset else None  # a first round that is not finished has none
     return Study(*about, {}, {"-": ("1", "")}, lambda: {}, summary=summarise, figure=figure)

@@ -1,4 +1,4 @@
-"""The problem of a fit as its file states it: unknowns with their priors, and targets with what predicts them."""
+"""The problem of a fit as its file states it: unknowns with their priors, and targets with their predictions."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ CHECKED = 16
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A study at fixed parameters that predicts targets; `unknowns` by the parameters that have them."""
+    """A study at fixed parameters that predicts targets; `unknowns` by the parameters that they set."""
 
     study: Study
     values: Mapping[str, Any]
@@ -44,7 +44,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Target:
-    """One number that was measured, or one statement, which counts with the share of members in `codes`.
+    """A measured number, or a statement, whose value is the fraction of members in `codes`.
 
     The prediction is entry `entry` of an output of a source, where dimensions of its own are as in `chosen`.
     """
@@ -144,7 +144,7 @@ def _problem(
 
 
 class _Reader:
-    """Collects what the tables of targets say."""
+    """Collects targets and sources from the tables of a file."""
 
     def __init__(self, fixed: Any, unknown: Any, structure: Any, resolve: Callable[[str], Study]) -> None:
         self.fixed, self.unknown, self.resolve = fixed, unknown, resolve
@@ -188,8 +188,8 @@ class _Reader:
             values, widths = _numbers(table["value"], table["within"], units)
         if len(values) != len(entries) or len(widths) != len(entries):
             raise InputError(
-                f"{', '.join(outputs)} has {len(entries)} entries, value {len(values)}, within {len(widths)}: "
-                "choose one entry in at, or give as many values"
+                f"{', '.join(outputs)} has {len(entries)} values, value {len(values)}, within {len(widths)}: "
+                "select one in at, or give as many"
             )
         names = [table.get("name", output) for output, _ in entries]
         for k, (output, entry) in enumerate(entries):
@@ -203,7 +203,7 @@ class _Reader:
             self.targets.append(Target(name, text, units, values[k], widths[k], codes, *place))
 
     def _source(self, study: Study, at: Mapping[str, Any]) -> tuple[int, Sweep]:
-        """The number of the source of a study at these parameters, made when it is first needed; a sweep of it."""
+        """The index of the source of a study at these parameters, created on first use, and a sweep of it."""
         takes = set(study.known(self.structure))
         values = {name: value for name, value in self.fixed.items() if name in takes} | dict(at)
         unknowns = {p: n for n in self.unknown for p in (n, f"p1_{n}", f"p2_{n}") if p in takes}
@@ -241,7 +241,7 @@ def _listed(names: Any) -> list[str]:
 
 
 def _entries(study: Study, sweep: Sweep, output: str, chosen: Mapping[str, Any], states: bool) -> int:
-    """How many entries an output has at one draw; of a statement all members are one."""
+    """Number of values of an output at one draw; the members of a statement count as one."""
     if output not in sweep.variables:
         near = suggest(output, sweep.variables)
         raise InputError(f"study {study.name} computes no {output}; {near}it has {', '.join(sweep.variables)}")
@@ -255,14 +255,14 @@ def _entries(study: Study, sweep: Sweep, output: str, chosen: Mapping[str, Any],
 
 
 def _codes(given: Any, flags: Mapping[int, str]) -> tuple[int, ...]:
-    """The flags that a statement allows: that of a word, or all but that after "not "."""
+    """The flags that a statement allows: that of its word, or all others after "not "."""
     word = str(given).removeprefix("not ")
     Parameter("", choices=tuple(flags.values())).read("is", word)
     return tuple(code for code, each in flags.items() if (each == word) == (word == given))
 
 
 def _numbers(value: Any, within: Any, units: str) -> tuple[list[float], list[float]]:
-    """Measured values and their standard deviations; an `InputError` for one without the unit that it needs."""
+    """Measured values and their standard deviations; an `InputError` for one that lacks a required unit."""
     found = list[Any]()
     for name, given in (("value", value), ("within", within)):
         text = ", ".join(map(str, given)) if isinstance(given, list) else str(given)

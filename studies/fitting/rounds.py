@@ -1,4 +1,4 @@
-"""The rounds of a fit: sweeps over draws, each of which adds draws to the file of those before."""
+"""Rounds of a fit: sweeps over draws, each of which adds draws to the file of the previous rounds."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ DIGITS = 9
 
 
 def run(problem: Problem, file: Path, how: tuple[Any, Any], watch: Watch, *, fresh: bool = False) -> xr.Dataset:
-    """Run each round on the back end `how` within `watch(plan)`, a context with its progress; the whole result.
+    """Run each round on the back end `how` within `watch(plan)`, which shows progress; return the whole result.
 
-    Rounds that the file has are kept. An `InputError` if no draw of the first round can be.
+    Rounds in the file are kept. An `InputError` if all draws of the first round fail.
     """
     start, likelihoods = first(problem), np.zeros(0)
     for number in range(problem.rounds):
@@ -49,13 +49,14 @@ def run(problem: Problem, file: Path, how: tuple[Any, Any], watch: Watch, *, fre
         if not np.isfinite(likelihoods).any():
             file.unlink(missing_ok=True)
             never = [t.name for t in problem.model.targets if not np.isfinite(_misfit(t, dataset)).any()]
-            why = f"{', '.join(never)} never has a value or holds" if never else "no draw has all targets together"
+            why = f"no draw gives a value of {', '.join(never)}, or fulfils it"
+            why = why if never else "no draw gives values of all targets"
             raise InputError(f"no draw of {len(z)} survives: {why}; change the priors")
     return dataset
 
 
 def first(problem: Problem) -> sampling.Proposal:
-    """The first proposal: about a least-squares solution of the targets that are smooth, else the prior."""
+    """The first proposal: around a least-squares solution of the smooth targets, else the prior."""
     smooth = [t for t in problem.model.targets if not (t.codes or problem.model.sources[t.source].study.chaotic)]
     d = len(problem.priors)
     if smooth:
@@ -109,7 +110,7 @@ def sweep_of_draws(problem: Problem, start: sampling.Proposal, z: Any) -> Sweep:
 
 
 def predict(points: Mapping[str, Any], *, model: Model, **stated: Any) -> dict[str, Any]:
-    """The prediction of each target at each draw, its standard error where a study has one, and what failed."""
+    """The prediction of each target at each draw, its standard error if a study gives one, and errors."""
     of_studies = {name for source in model.sources for name in source.unknowns.values()}
     own = points.keys() - of_studies - {"draw", "round"}
     count, structure = len(next(iter(points.values()))), model.structure
@@ -155,7 +156,7 @@ def _misfit(target: Any, data: xr.Dataset) -> Any:
 
 
 def log_likelihood(problem: Problem, dataset: xr.Dataset) -> Any:
-    """The logarithm of the likelihood of each draw, but for a constant; -inf where a target has no value."""
+    """The logarithm of the likelihood of each draw, up to a constant; -inf where a target has no value."""
     return np.sum([_misfit(target, dataset) for target in problem.model.targets], axis=0)
 
 

@@ -39,10 +39,10 @@ MOST_ENTRIES = 4_000_000
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Normal distributions of one covariance.
+    """Normal distributions with a common covariance, as a part of a proposal.
 
-    `share` of a proposal, `centres` (k, d) with their `weights` (k,), whose sum is 1, and the lower Cholesky
-    `factor` (d, d) of the covariance.
+    `share` is their weight in the proposal, `centres` (k, d) have `weights` (k,), whose sum is 1, and `factor` (d,
+    d) is the lower Cholesky factor of the covariance.
     """
 
     share: float
@@ -51,7 +51,7 @@ class Part:
     factor: Array
 
     def log_density(self, z: Array) -> Array:
-        """Logarithm of the density at points (n, d), times the share."""
+        """Logarithm of the density at points (n, d), multiplied by the share."""
         white = [each @ np.linalg.inv(self.factor).T for each in (z, self.centres)]
         blocks = np.array_split(white[0], len(z) * len(self.centres) // MOST_ENTRIES + 1)
         distances = (cdist(block, white[1], "sqeuclidean") for block in blocks)
@@ -69,9 +69,9 @@ def prior(dimensions: int, share: float = 1.0) -> Part:
 
 
 def around(best: Array, covariance: Array) -> Proposal:
-    """The proposal about a least-squares solution.
+    """The proposal around a least-squares solution.
 
-    Digits that another processor may change are rounded away: the same fit goes on there.
+    It is rounded to digits that all processors share, so that the same fit continues on another one.
     """
     factor = np.linalg.cholesky(covariance)
     size = 10.0 ** np.floor(np.log10(np.linalg.norm(factor, axis=1)) - 3.0)
@@ -101,7 +101,7 @@ def log_weights(z: Array, log_likelihood: Array, proposals: Sequence[Proposal]) 
 
 
 def normalised(logarithms: Array) -> Array:
-    """Weights with the sum 1; zeros if none is above 0."""
+    """Weights with the sum 1; zeros if none is positive."""
     return np.asarray(softmax(logarithms) if np.isfinite(logarithms.max()) else np.zeros(len(logarithms)))
 
 
@@ -111,7 +111,7 @@ def effective_size(weights: Array) -> float:
 
 
 def next_proposal(z: Array, log_likelihood: Array, proposals: Sequence[Proposal], samples: int) -> Proposal:
-    """The prior, and normal kernels about the weighted draws with Silverman's bandwidth."""
+    """The prior, and normal kernels around the weighted draws with Silverman's bandwidth."""
     n, d = z.shape
     base, least = log_weights(z, np.zeros(n), proposals), max(LEAST_COUNTING * samples, 2.0 * d)
     possible = np.isfinite(log_likelihood)

@@ -1,1 +1,1 @@
-"""The paper's figures and tables, and the planes of stability and regimes beside them."""
+"""Studies: figures and tables of the paper, and maps of stability and motion."""

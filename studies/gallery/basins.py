@@ -1,4 +1,4 @@
-"""Which motion each start leads to, and the share of each motion among random starts."""
+"""The motion to which each start leads, and the fraction of random starts that lead to each motion."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PANELS = 4
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """The range of the share of vibration, and the shares along the longest parameter."""
+    """The range of the fraction of starts that vibrate, and the fractions along the longest parameter."""
     share, (x, *others) = dataset["vibration_share"], _axes(dataset)
     if not bool(share.notnull().any()):
         yield "No point has a value."
@@ -51,7 +51,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     columns = {kind: at["share"].sel(kind=kind) for kind in _occurring(at)}
     columns |= {"least knock mN s": 1e3 * at["knock_threshold"]}
     columns |= {"vibration, from": at["vibration_share_low"], "to": at["vibration_share_high"]}
-    caption = "Share of each motion, and the 95 % interval of that of vibration"
+    caption = "Fraction of starts that lead to each motion, with the 95 % interval of vibration"
     yield caption, table.assign(**{name: column.values for name, column in columns.items()})
 
 
@@ -61,15 +61,16 @@ def _axes(dataset: xr.Dataset) -> list[str]:
 
 
 def _occurring(dataset: xr.Dataset) -> list[str]:
-    """The motions that some start leads to."""
+    """The motions to which at least one start leads."""
     others = [dim for dim in dataset["share"].dims if dim != "kind"]
     return [str(kind) for kind in dataset["kind"].values[(dataset["share"] > 0.0).any(others).values]]
 
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
-    """Shares along the longest parameter; below, the starts by their motion.
+    """Fractions of starts along the longest parameter; below, the starts coloured by their motion.
 
-    Starts along one coordinate stand over the parameter, those in a plane in panels for up to four values of it.
+    Starts along one coordinate are drawn over the parameter, those on a plane in panels for up to four values of
+    it.
     """
     x, *others = _axes(dataset)
     if dataset.sizes[others[0]] > 1 or not bool(dataset["vibration_share"].notnull().any()):
@@ -82,7 +83,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     across = max(map(len, rows))
     figure, panels = figures.mosaic([row * (across // len(row)) for row in rows], *[6.5] * len(rows))
     _draw_shares(panels["share"], at, x)
-    titles = ["share of the starts that lead to each motion"]
+    titles = ["fraction of starts that lead to each motion"]
     if len(moved) == 1:
         titles += ["motion that each start leads to"]
         _draw_starts(panels["starts"], at[x].broadcast_like(at["label"]), at[f"start_{moved[0]}"], at["label"])
@@ -110,7 +111,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
 
 
 def _draw_shares(axes: figures.Axes, at: xr.Dataset, x: str) -> None:
-    """Shares one on the other, each value over its cell, and the interval of the share of vibration."""
+    """Stacked fractions over the cell of each value, and the interval of the fraction of vibration."""
     # Vibrations lie below, so that their share has one axis with its interval.
     names = sorted(_occurring(at), key=lambda name: (name not in VIBRATING, name))
     parts = {name: at["share"].sel(kind=name).values for name in names}
@@ -134,7 +135,7 @@ LIMITS = {name: Parameter(np.array([0.0]), units, f"start: {text}; a range, or o
 STUDY = Study(
     name="basins",
     title="Basins: the motion that each start leads to",
-    question="Which share of starts leads to steady sliding, and which to a vibration, where the rig has both?",
+    question="Which fraction of starts leads to steady sliding, and which to vibration, where both are stable?",
     paper="Each scene has one start; where vibration begins is judged by the stability of steady sliding.",
     parameters={
         "V": Parameter(np.array([paper.SPEEDS[1]]), "m s-1", "speed of the drive"),

@@ -85,7 +85,7 @@ def describe(data: xr.Dataset) -> xr.Dataset:
 
 
 def summarise(data: xr.Dataset) -> Iterator[Any]:
-    """How many values are right, all of them, and what each model is."""
+    """The number of values within their accuracy, all values, and a description of each model."""
     right, count = int((abs(data["difference"]) <= data["accuracy"]).sum()), data.sizes["case"]
     yield (
         f"{right} of {count} values agree with the known one to {CLOSED:g}, in motions by method exact to"

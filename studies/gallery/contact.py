@@ -59,12 +59,13 @@ def check(duration: Any, most: Any, **others: Any) -> None:
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """How hard the contact is loaded and how fast it slips."""
+    """Peaks of normal force and slip speed at each speed, limit cycles, and statistics."""
     points = [dataset.isel(V=k) for k in range(dataset.sizes["V"])]
     for point in points:
         force, speed = (labels.number(float(labels.readable(point[f"{name}_999"]))) for name in PEAKS)
         speeds = labels.named("V", point["V"])
-        yield f"At {speeds} the normal force reaches {force} N and the slip speed {speed} mm/s (99.9 % quantiles)."
+        below = f"the normal force stays below {force} N and the slip speed below {speed} mm/s"
+        yield f"At {speeds}, {below} for 99.9 % of the time."
     if int(dataset["most"]):
         yield from map(cycle_text, points)
     changes = dataset["switches_per_second"] / regimes.dominant_frequency(dataset)
@@ -76,7 +77,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         "Slip speed": "slip_speed_999 max_slip_speed start_up_slip_speed",
     }.items():  # fmt: skip
         yield caption, labels.frame(table, ["V", *names.split()])
-    yield "Largest values are spikes of microseconds and grow with the length of the run."
+    yield "Maxima last for microseconds and grow with the length of the run; compare the 99.9 % quantiles (_999)."
 
 
 def cycle_text(point: xr.Dataset) -> str:
@@ -87,13 +88,14 @@ def cycle_text(point: xr.Dataset) -> str:
     if np.isfinite(value["cycle_frequency"]):
         kind = "stable" if value["cycle_multiplier"] < 1.0 else "unstable"
         return (
-            f"The limit cycle at {where}, {frequency} Hz, reaches {force} N and {speed} mm/s. It is {kind}: its "
-            f"largest multiplier is {multiplier}. The motion is near it for {share} of the time: normal force and "
-            f"velocity of B differ from the cycle's by less than {cycles.NEAR:g} of their deviations."
+            f"The limit cycle at {where} has a frequency of {frequency} Hz, a largest normal force of {force} N "
+            f"and a largest slip speed of {speed} mm/s. It is {kind}: its largest Floquet multiplier is "
+            f"{multiplier}. The motion follows it for a fraction of {share} of the time: normal force and "
+            f"velocity of B differ from the cycle's by less than {cycles.NEAR:g} of their standard deviations."
         )
-    why = "a run without long sticks that repeats itself is needed for it"
+    why = "the search starts from a run that repeats itself without long sticks, and no run does"
     if np.isfinite(value["cycle_d2"]):
-        why = f"that of d2 = {cycles.SOUGHT:g} s, which a run finds, is followed to d2 = {d2} s only"
+        why = f"the cycle found at d2 = {cycles.SOUGHT:g} s exists down to d2 = {d2} s only"
     return f"No limit cycle is found at {where}: {why}."
 
 

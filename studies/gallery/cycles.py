@@ -38,7 +38,7 @@ def bifurcations(
 
 
 def check(V: Any, hold: Any, **others: Any) -> None:
-    """Refuse what cannot be run."""
+    """Refuse parameters with which no scene can be simulated."""
     if np.min(V) <= 0.0:
         raise InputError(f"V = {np.min(V):g}: it must be above 0; (-theta, -V) is the mirror image of (theta, V)")
     following.check(hold, V, member=1.0, **others)
@@ -53,7 +53,7 @@ def each_point(dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """Where there are stable and unstable cycles, where they begin and end, and what runs say beside them."""
+    """Ranges of stable and unstable cycles, their folds and onsets, and what runs and knocks show."""
     name, rows = following.followed(dataset), []
     unit, factor = labels.unit_of(dataset[name])
     for text, point in each_point(dataset):
@@ -62,23 +62,29 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         for kind, chosen in (("stable", multiplier < 1.0), ("unstable", multiplier >= 1.0)):
             if chosen.any():
                 ends = " to ".join(f"{factor * end:.5g}" for end in (value[chosen].min(), value[chosen].max()))
-                parts.append(f"{kind} ones from {ends}, {hertz[chosen].min():.0f} to {hertz[chosen].max():.0f} Hz")
+                band = f"{hertz[chosen].min():.0f} to {hertz[chosen].max():.0f} Hz"
+                parts.append(f"{kind} ones exist from {ends} ({band})")
         places = [
             (f"{factor * at:.5g}", what) for at, what in zip(point["place_value"].values, texts, strict=True)
         ]
         rows += [(text, *place) for place in places if place[1]]
         onsets = [f"{factor * at:.5g}" for at in point["onset_value"].dropna("onset").values]
-        found = {"fold": [at for at, what in places if what == "fold"], "onset of flutter": onsets}
-        parts += [f"{what} at {', '.join(at)}" for what, at in found.items() if at]
+        folds = [at for at, what in places if what == "fold"]
+        parts += [f"branches fold at {', '.join(folds)}"] if folds else []
+        parts += [f"flutter begins at {', '.join(onsets)}"] if onsets else []
         if both := following.interval(point):
-            parts.append(f"runs up and down differ from {factor * both[0][0]:.4g} to {factor * both[1][0]:.4g}")
+            ends = " to ".join(f"{factor * end[0]:.4g}" for end in both[:2])
+            parts.append(f"upward and downward runs move differently from {ends}")
         knocks = labels.readable(point["knock_threshold"].dropna(name)).values
         if len(knocks):
-            parts.append(f"knocks from {knocks.min():.3g} to {knocks.max():.3g} mN s start vibration")
+            parts.append(
+                f"the smallest knock that starts vibration is {knocks.min():.3g} to {knocks.max():.3g} mN s"
+            )
         head = "Limit cycles" if np.isfinite(value).any() else "No limit cycle is found"
         over = f"over {labels.title(name)}{f' in {unit}' if unit else ''} at {text}"
-        yield f"{head} {over}: {'; '.join(parts) or 'runs up and down are the same'}."
-    yield "Places where a branch changes", pd.DataFrame(rows, columns=["point", labels.title(name), "what"])
+        yield f"{head} {over}: {'; '.join(parts) or 'upward and downward runs move alike'}."
+    changes = pd.DataFrame(rows, columns=["point", labels.title(name), "change of the cycle"])
+    yield "Points where a branch folds, ends, or changes its sequence of stick, slip and separation", changes
 
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
@@ -138,8 +144,8 @@ def _draw_point(column: Any, point: xr.Dataset) -> None:
 STUDY = Study(
     name="cycles",
     title="Limit cycles over one parameter",
-    question="Which periodic motions are there, stable or not, where do they begin and end, and do they bound "
-    "what runs and knocks show?",
+    question="Which periodic motions exist, stable or unstable, where do they begin and end, and do they explain "
+    "hysteresis and the smallest knocks?",
     paper="Section 3.5.4: vibration settles to a period of stick, slip and separation.",
     parameters={
         "d2": replace(RIG["d2"], default=np.array([1e-8, 1e-6])),

@@ -1,4 +1,4 @@
-"""The damping that gives the paper's motion: which of the paper's statements hold over (d1, d2)."""
+"""The damping at which most of the paper's statements on motion hold, over (d1, d2)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from sweeps import DONE, Axis
 
 
 def check(duration: Any, members: int, ramp: Any, **others: Any) -> None:
-    """Refuse what cannot be run."""
+    """Refuse parameters with which no scene can be simulated."""
     checks.between("duration", np.min(duration), 0.1, 1e3, "s")
     ensemble.check(paper.SPEEDS, paper.LOAD, ramp, np.max(duration), 1e-3, members=members, **others)
 
@@ -41,7 +41,7 @@ def _named(damping: Any) -> str:
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """How many statements hold with the printed damping and at most; the motion and the onsets there."""
+    """The number of statements that hold with the printed and with the best damping, motion and onsets."""
     dampings = {"printed": PRINTED, "identified": identified(dataset)}
     both = {name: dataset.sel(damping, method="nearest") for name, damping in dampings.items()}
     best, highest = most(dataset), labels.number(float(dataset["held"].max()))
@@ -57,7 +57,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     table = {"statement": dataset["statement"].values, "section": dataset["section"].values}
     table |= {f"{name} %": 100.0 * each["truth"].values for name, each in both.items()}
     table["points %"] = 100.0 * holding(dataset).values
-    text = "Statements: share of the realisations in which they hold, and of the points at which they do"
+    text = "Statements: fraction of the realisations in which they hold, and of the points at which they do"
     yield text, pd.DataFrame(table).round(1)
     rows = [(float(each["d1"]), *np.sort(each["d2"][each.values].values)[[0, -1]]) for each in best if each.any()]
     yield "Where most statements hold", pd.DataFrame(rows, columns=["d1 1/s", "d2 from s", "to"])
@@ -77,7 +77,7 @@ MARKS: dict[str, dict[str, Any]] = {
 
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
-    """How many statements hold over the plane, and where each of those holds that depend on the damping."""
+    """Number of statements that hold over the plane, and the regions of those that depend on the damping."""
     dataset = dataset.where(dataset["status"] == DONE)
     names, share = dataset["statement"].values, holding(dataset)
     varies = [str(name) for name in names[(share > 0.0) & (share < 1.0)]]
@@ -98,7 +98,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         axes.set(**{"xlabel": ""} if k + across < len(varies) else {}, **{"ylabel": ""} if k % across else {})
     if varies:
         bar = figure.colorbar(mesh, ax=[*panels.values()], location="bottom", aspect=60, pad=0.02)
-        bar.set_label("share of the realisations in which the statement holds")
+        bar.set_label("fraction of the realisations in which the statement holds")
     figure.suptitle(f"Damping and the paper's statements on motion: {int(dataset['members'])} realisations")
     figure.supxlabel(f"statements that hold {text}" if text else "")
     return figure

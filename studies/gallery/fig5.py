@@ -30,7 +30,7 @@ CLAIMS = tuple(
 
 
 def modes(rig: Rig, theta: float, mu: np.ndarray) -> dict[str, np.ndarray]:
-    """Frequency and growth rate of all modes of steady sliding below 10 kHz, which keep their numbers along mu."""
+    """Frequency and growth rate of all modes of steady sliding below 10 kHz; a mode keeps its number along mu."""
     modes = followed_modes(rig, theta, mu, BAND)
     return {"frequency": modes.frequency, "growth_rate": modes.growth_rate}
 

@@ -23,14 +23,14 @@ from sweeps import Axis
 
 
 def check(mu: Any, theta: Any, **numbers: Any) -> None:
-    """Refuse coefficients of friction to which the pair is not followed, and a rig without a pair."""
+    """Refuse friction beyond the range in which the pair is followed, and a rig without such a pair."""
     checks.between("mu", float(np.max(mu)), 0.0, MOST_MU, "a coefficient of friction")
     if not any(np.ndim(value) for value in (theta, *numbers.values())):
         lock_in(scenes.rig_of(numbers), theta)
 
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:
-    """Number the modes; add the lock-in point and the shape of the mode that neither grows nor decays there."""
+    """Number the modes; add the lock-in point and the shape of the neutral mode there."""
     rig, theta = results.rig_of(dataset), float(dataset["theta"])
     mu, frequency, eigenvalues = lock_in(rig, theta)
     position, modes = node_positions(rig, theta), sliding_modes(rig, theta, [mu], run.BAND)
@@ -51,7 +51,7 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """Where the two modes lock in and start, and how the contact moves in the unstable one."""
+    """Frequencies and friction at lock-in, and the motion of the contact in the unstable mode."""
     numbers, start = " and ".join(map(str, dataset["mode"].values)), dataset.isel(mu=0)
     mu, hertz = (float(dataset[f"lock_in_{name}"]) for name in ("mu", "frequency"))
     tip = dataset.isel(node=(dataset["node_x"] ** 2 + dataset["node_y"] ** 2).argmin("node"))

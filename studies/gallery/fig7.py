@@ -59,7 +59,7 @@ def histories(
 
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:
-    """Add the modes of the glued rig, which ring while it sticks, and the lines of the spectra."""
+    """Add the modes of the rig with its contact glued, which ring while it sticks, and the spectral lines."""
     glued = regimes.glued_modes(rig_of(dataset), float(dataset["theta"]))
     return with_variables(dataset, regimes.lines_of(dataset) | glued)
 
@@ -88,7 +88,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 
 def draw(dataset: xr.Dataset, measured: Signal | None = None) -> figures.Figure:
-    """Time on the left and spectra on the right, a row for each speed, as in the paper; `measured` in a last."""
+    """Series on the left, spectra on the right, a row for each speed as in the paper; `measured` in a last."""
     rows = planes.subset(dataset.sizes["V"], MOST_ROWS)
     figure, panels = signals.series_panels(len(rows) + (measured is not None))
     if measured is not None:

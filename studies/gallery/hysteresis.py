@@ -1,4 +1,4 @@
-"""One parameter followed up and down, each motion from the end of the last: where two motions are stable."""
+"""Sweeps of one parameter up and down, and the intervals in which two motions are stable."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from studies.study import Parameter, Study
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """Where the motion depends on the direction, and the motion at each value."""
+    """The interval in which the motion depends on the direction, and the motion at each value."""
     name, (unit, factor) = following.followed(dataset), labels.unit_of(dataset[following.followed(dataset)])
     ends = [
         f"beyond {factor * value:.4g}" if is_open else f"{factor * value:.4g} ± {factor * error:.2g}"

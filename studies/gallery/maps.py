@@ -1,4 +1,4 @@
-"""Maps: what is computed over one or two parameters that a request chooses."""
+"""Maps of a quantity over one or two parameters."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
             shares = zip(words, 100.0 * counts / values.size, strict=True)
             found = ", ".join(f"{word} {share:.3g} %" for word, share in shares)
         elif (limit := thresholds.get(name)) is not None:
-            found += f", above {limit:g} at {100.0 * float((values > limit).mean()):.3g} %"
+            found += f", above {limit:g} at {100.0 * float((values > limit).mean()):.3g} % of the points"
         yield f"{labels.title(name, dataset[name])}: {found}."
         if name == "onset_frequency" and (entries := int((dataset[name] == run.BAND).sum())):
             where = labels.counted(entries, values.size)

@@ -1,4 +1,4 @@
-"""Several contacts below P1's tip in place of the point: how a foot changes the onset and the motion."""
+"""Several contacts on a rigid foot below P1's tip in place of the point contact: onset and motion."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def motions(
     rig: Rig, V: Any, theta: Any, mu: Any, F: Any, nodes: Any, finer: Any, foot_length: float, members: int,
     **options: Any,
 ) -> dict[str, Any]:  # fmt: skip
-    """Onset of each foot, and the motion on it."""
+    """Onset and motion of each foot."""
 
     def jobs(V: float, theta: float, mu: float, F: float, nodes: float, finer: float) -> list[Job]:
         own = foot(rig, theta, int(nodes), foot_length)
@@ -61,7 +61,7 @@ def motions(
 
 
 def check(rig: Rig, nodes: Any, finer: Any, foot_length: Any, **others: Any) -> None:
-    """Refuse a foot that P2 does not carry, and what cannot be run."""
+    """Refuse a foot longer than P2 can carry, and parameters with which no scene can be simulated."""
     for count in np.ravel(nodes):
         checks.count("nodes", count, MOST)
     checks.between("finer", np.min(finer), 1.0, 1e3, "1")
@@ -73,7 +73,7 @@ def check(rig: Rig, nodes: Any, finer: Any, foot_length: Any, **others: Any) -> 
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """What a foot changes against a point, how much the number of nodes and the step matter, and all numbers."""
+    """Onset and motion on a foot and on a point, and the influence of the number of nodes and of the step."""
     table = labels.frame(dataset[[*ABOUT]].max(("mu", "finer")), ["nodes", *ABOUT])
     point, feet = table[table["nodes"] == 1], table[table["nodes"] > 1].dropna()
     if len(point) and len(feet):

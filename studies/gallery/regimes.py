@@ -51,7 +51,7 @@ def motions(scenes: Sequence[Scene], members: int, **options: Any) -> dict[str, 
 
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:
-    """Add where steady sliding loses its stability, and how the motion of each point compares with that."""
+    """Add the onset of instability of steady sliding, and the comparison of the motion of each point with it."""
     dims, mu, frequency = first_onsets(dataset, rig_of(dataset))
     text = f"lowest mu at which steady sliding flutters (modes {BELOW}), up to the largest mu of the grid"
     onsets = {
@@ -62,7 +62,7 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """Regimes, the linear prediction, and where each lies."""
+    """Regimes, their agreement with linear stability, and the range of each regime."""
     kinds, codes = (
         dataset["regime"].copy(data=each) for each in (regimes.kinds(dataset), dataset["verdict"].values)
     )
@@ -75,7 +75,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     told = f"No scene can be compared with linear stability {BELOW}"
     if compared.any():
         count, right = int(compared.sum()), int(((codes == 0) & compared).sum())
-        scenes = f"every one of {count} scenes" if right == count else labels.counted(right, count, "scene")
+        scenes = f"all {count} scenes" if right == count else labels.counted(right, count, "scene")
         told = f"Linear stability {BELOW} predicts whether the rig vibrates in {scenes}"
     yield f"{told}, {regimes.damping_text(dataset)}."
     table = dataset.assign(dominant_frequency=regimes.dominant_frequency(dataset))

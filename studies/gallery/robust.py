@@ -1,4 +1,4 @@
-"""How likely steady sliding is unstable where the rig is uncertain, and which parameters dominate."""
+"""Probability that steady sliding is unstable in an uncertain rig, and the parameters that dominate it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LISTED, DOMINANT = 6, 0.05
 
 
 def check(mu: Any, samples: int, sobol_samples: int, seed: int, **others: Any) -> None:
-    """Refuse numbers out of range, and distributions of what is an axis."""
+    """Refuse numbers out of range, and distributions of a parameter that is an axis."""
     checks.friction(float(np.min(mu)))
     uncertainty.check(samples, seed, **others)
     checks.number("sobol_samples", sobol_samples, "a power of 2", lambda n: n in [1 << k for k in range(15)])
@@ -49,7 +49,7 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def ranked(dataset: xr.Dataset) -> xr.Dataset:
-    """The computed inclination next to the paper's, its uncertain parameters by their total indices."""
+    """The computed inclination nearest to the paper's, and the parameters by their total Sobol indices."""
     at = dataset.isel(theta=dataset["status"].values == DONE).sel(theta=paper.THETA, method="nearest").load()
     at = at.sel(parameter=[name for name in at["parameter"].values if at[name].ndim])
     at = at.isel(parameter=np.argsort(-at["sobol_total"].values, kind="stable"))
@@ -70,7 +70,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     told = f"The nominal rig {nominally} {where}, in modes below {BAND / 1e3:g} kHz."
     if np.isfinite(nominal):
         told += f" {below:.0f} % of {count} uncertain rigs begin to flutter at a lower mu."
-    all_or_none = {0.0: "Every one flutters", 100.0: "None flutters"}
+    all_or_none = {0.0: "All of them flutter", 100.0: "None of them flutters"}
     told += f" {all_or_none.get(never, f'{never:.3g} % do not flutter')} for mu up to {MU_MAX:g}."
     yield f"{told} Dominant parameters: {', '.join(names) or 'none'}."
     ends = np.array([RISKS, *uncertainty.wilson(RISKS, count)])
@@ -83,7 +83,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
-    """Probability over inclination and friction; at the angle next to the paper's, what it depends on."""
+    """Probability over inclination and friction; the Sobol indices at the inclination nearest to the paper's."""
     at, whole = ranked(dataset), min(dataset.sizes["theta"], dataset.sizes["mu"]) > 1
     layout = [["plane", "plane"]] * whole + [["along", "rigs"], ["bars", "bars"]]
     figure, panels = figures.mosaic(layout, *[7.0, 5.0, 5.0][-len(layout) :])
@@ -121,7 +121,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
 
 
 def _draw_plane(axes: figures.Axes, dataset: xr.Dataset) -> None:
-    """Probability as lightness, its contours, and where the nominal rig becomes unstable."""
+    """Probability as lightness, its contours, and the boundary of instability of the nominal rig."""
     share = dataset["probability_unstable"].transpose("mu", "theta")
     planes.numbers(axes, share, "theta", "mu", labels.label(share, long=True), vmin=0.0, vmax=1.0)
     for level, style in CONTOURS.items():

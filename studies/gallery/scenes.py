@@ -63,7 +63,7 @@ def motions(
 
 
 def check(duration: Any, settle: Any, **others: Any) -> None:
-    """Refuse what cannot be run."""
+    """Refuse parameters with which no scene can be simulated."""
     for name, value in (("duration", duration), ("settle", settle)):
         if value is not None:
             checks.between(name, np.min(value), 1e-6 if name == "duration" else 0.0, 1e6, "s, or auto")
@@ -71,10 +71,10 @@ def check(duration: Any, settle: Any, **others: Any) -> None:
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """How many scenes move in which way, and the first of them."""
+    """The number of scenes in each regime, and a table of the first scenes."""
     numbers = np.bincount(regimes.kinds(dataset).ravel(), minlength=len(regimes.KINDS))
     counts = ", ".join(f"{n} {kind}" for n, kind in zip(numbers, regimes.KINDS, strict=True) if n)
-    yield f"{numbers.sum()} scene{'s' * int(numbers.sum() > 1)}, {regimes.damping_text(dataset)}: {counts}."
+    yield f"{numbers.sum()} scene{'s' * (numbers.sum() != 1)}, {regimes.damping_text(dataset)}: {counts}."
     points = dataset[[*COLUMNS, "status"]].stack(point=dataset["status"].dims, create_index=False)
     table = labels.frame(points.isel(point=slice(MOST_ROWS)), COLUMNS, along="point")
     table.columns = [str(head).replace("_fraction", "").replace("velocity_rms", "RMS") for head in table]
@@ -89,7 +89,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """Regimes, or where the state of several contacts was recorded, who sticks, slips and is open."""
+    """Regimes; or, where the state of several contacts was recorded, the state of each contact over time."""
     recorded = "contact_state" in dataset and bool((dataset["status"] == DONE).any())
     if recorded:
         return contacts.draw(dataset)

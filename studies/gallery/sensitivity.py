@@ -1,4 +1,4 @@
-"""Which parameters of the rig move the flutter onsets of three pairs of modes, and how far."""
+"""Sensitivity of the flutter onsets of three pairs of modes to each parameter of the rig."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ def of_structure(own: Structure) -> dict[str, Parameter]:
 
 
 def check(pairs_theta: float, mu_max: float) -> None:
-    """Refuse an inclination without pairs."""
+    """Refuse an inclination without unstable pairs."""
     checks.between("pairs_theta", pairs_theta, 1e-6, 89.999, "degrees")
     checks.friction(mu_max)
 
 
 def ranked(dataset: xr.Dataset) -> xr.Dataset:
-    """The inclination nearest to where pairs are numbered; parameters by their largest sensitivity of mu."""
+    """The inclination at which pairs are numbered, and the parameters by their largest sensitivity of mu."""
     at = dataset.sel(theta=float(dataset["pairs_theta"]), method="nearest").load()
     ends = zip(*(at[name].max("parameter").values for name in ("onset_mu", "onset_frequency")), strict=True)
     text = ["no onset" if np.isnan(mu) else f"{hertz:.0f} Hz, μ = {mu:.4f}" for mu, hertz in ends]
@@ -52,7 +52,7 @@ def ranked(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def text_of(name: str) -> str:
-    """A parameter as a reader calls it: length of P1, contact position, θ."""
+    """The name of a parameter in a table: length of P1, contact position, θ."""
     return RIG[name].text if name[:3] in ("p1_", "p2_") else labels.title(name)
 
 

@@ -1,4 +1,4 @@
-"""The plane of inclination and friction: where steady sliding is unstable, how fast, and at which frequency."""
+"""Stability of steady sliding over inclination and friction: growth rate, frequency, number of unstable pairs."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """The unstable part of the plane, branches of onsets and recoveries, and unstable intervals."""
+    """The unstable fraction of the plane, branches of onsets and recoveries, and unstable intervals."""
     at = dataset.transpose("theta", "mu", ...)
     growth, modes, frequency = (at[name].values for name in ("growth_rate", "unstable_modes", "frequency"))
     grows, tangent = growth > 0.0, np.tan(np.radians(at["theta"].values))[:, None]

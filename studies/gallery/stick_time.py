@@ -1,4 +1,4 @@
-"""How long the contact sticks against the speed of the drive: T_st ~ 1/V, at start-up and later."""
+"""Duration of sticks against the speed of the drive, T_st ~ 1/V, at start-up and later."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
-    """Stick times by speed, their departure from 1 / V, their distribution, and all mu and F in one."""
+    """Stick times over the speed, their deviation from 1 / V and distribution, and all mu and F in one panel."""
     figure, panels = figures.panels(2, 2, 6.5)
     (times, products, spread, collapse), at = panels, stick_fit.at_paper(dataset)
     V = 1e3 * np.abs(at["V"].values)
@@ -110,7 +110,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
 
 
 def draw_collapse(axes: figures.Axes, dataset: xr.Dataset) -> None:
-    """T V / (mu F) over V / (mu F): one curve, if friction and load do no more than scale."""
+    """T V / (mu F) over V / (mu F): one curve, if friction and load only scale the motion."""
     axes.set(xscale="log", xmargin=0.1, xlabel="V / (μF) / (mm/s/N)", ylabel="T V / (μF) / (μm/N)")
     frictions = list(zip(dataset["mu"].values[dataset["mu"].values > 0.0], figures.COLOURS, strict=False))
     loads, V = list(zip(dataset["F"].values, MARKERS, strict=False)), np.abs(dataset["V"].values)

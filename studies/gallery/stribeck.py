@@ -1,4 +1,4 @@
-"""Friction that falls with the sliding speed: which part of an instability it makes, and how the rig moves."""
+"""Friction that falls with the sliding speed: its contribution to an instability, and the motion."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ FAINTEST = 10.0
 
 
 def shares(scene: Scene) -> dict[str, float]:
-    """Growth rate of the least stable mode, its two shares, and its frequency.
+    """Growth rate of the least stable mode, its two contributions, and its frequency.
 
-    Let s(m, k) be the largest growth rate of steady sliding below 10 kHz with T' = m N' + k v', m = mu(V),
-    k = -N0 mu'(V). The share of coupled modes, with all damping, is s(m, 0): friction keeps the coefficient that
-    it has at V. That of falling friction is the rest, s(m, k) - s(m, 0), to first order k Re d(phi)/dk. The
-    oscillator x'' + 2 xi x' + x has the shares -xi and k / 2.
+    Let s(m, k) be the largest growth rate of steady sliding below 10 kHz with T' = m N' + k v', m = mu(V), k = -N0
+    mu'(V). The contribution of mode coupling, damping included, is s(m, 0), with a coefficient of friction that
+    does not depend on the speed. The contribution of falling friction is the rest, s(m, k) - s(m, 0), to first
+    order k Re d(phi)/dk. The oscillator x'' + 2 xi x' + x has the contributions -xi and k / 2.
     """
     kinetic = scene.mu * scene.friction.ratio(scene.V)
     growth, frequency, _ = largest_growth(scene.rig, scene.drive_theta, scene.mu, **sliding_of(scene))
@@ -52,7 +52,7 @@ def shares(scene: Scene) -> dict[str, float]:
 
 
 def motions(scenes: Sequence[Scene], members: int, **options: Any) -> dict[str, Any]:
-    """Shares of the growth rate, and the motion, of each scene."""
+    """Contributions to the growth rate, and the motion, of each scene."""
 
     def values(jobs: Sequence[Job], runs: Sequence[Transient]) -> dict[str, Any]:
         motion = ensemble.statistics(runs)
@@ -62,12 +62,12 @@ def motions(scenes: Sequence[Scene], members: int, **options: Any) -> dict[str, 
 
 
 def mostly_falling(dataset: xr.Dataset) -> xr.DataArray:
-    """Where steady sliding is unstable and more than half of its growth rate is due to the fall."""
+    """Mark unstable points at which falling friction contributes more than half of the growth rate."""
     return (dataset["growth_rate"] > 0.0) & (dataset["growth_falling"] > 0.5 * dataset["growth_rate"])
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """Where falling friction decides, how much it adds, and what each kinetic ratio does."""
+    """The range in which falling friction dominates, its contribution, and the effect of each kinetic ratio."""
     unstable, without = dataset["growth_rate"] > 0.0, dataset["growth_coupled"] > 0.0
     falling, kinds = mostly_falling(dataset), dataset["status"].copy(data=regimes.kinds(dataset))
     vibrates = kinds.copy(data=regimes.is_of(kinds.values, *regimes.VIBRATING))
@@ -89,7 +89,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
-    """Growth rate and regime over speed and kinetic ratio, and both shares along the speed."""
+    """Growth rate and regime over speed and kinetic ratio, and both contributions along the speed."""
     growth, kinds = dataset["growth_rate"], dataset["status"].copy(data=regimes.kinds(dataset))
     if min(dataset.sizes["V"], dataset.sizes["kinetic_ratio"]) == 1 or not bool(growth.notnull().any()):
         return general.draw(dataset)

@@ -28,7 +28,7 @@ LISTED = len(paper.GLUED_NUMERICAL)
 
 
 def tuned(contact_position: float, theta: float, first_frequency: float) -> Rig:
-    """The paper's rig with the head mass tuned to the first frequency; digits beyond the twelfth are noise."""
+    """The paper's rig with its head mass tuned to the first frequency and rounded to twelve digits."""
     rig = Rig(contact_position=contact_position)
     return replace(rig, head_mass=float(f"{tune_head_mass(rig, theta, first_frequency):.12g}"))
 
@@ -42,7 +42,7 @@ def frequencies(mode: Any, theta: float, contact_position: float, first_frequenc
 
 
 def check(mode: Any) -> None:
-    """Refuse modes that the model does not have: an element has three degrees of freedom, the glue holds one."""
+    """Refuse more modes than the model has: three for each element, less one for the glued contact."""
     for end in (np.min(mode), np.max(mode)):
         checks.count("mode", end, 3 * (Rig().p1.elements + Rig().p2.elements) - 1)
 

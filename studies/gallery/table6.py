@@ -51,14 +51,14 @@ def inclinations(scenes: Sequence[Scene], members: int, **run: Any) -> dict[str,
 
 
 def coords(members: int) -> dict[str, Axis]:
-    """The pairs and the realisations, counted from 1."""
+    """The pairs and the realisations, numbered from 1."""
     pair = Axis(np.arange(1, stability.PAIRS + 1), "1", "unstable pair, ascending in frequency")
     member = Axis(np.arange(1, members + 1), "1", "realisation, by the ramp of the drive")
     return {"pair": pair, "member": member} | ensemble.APART
 
 
 def check(members: int, **others: Any) -> None:
-    """Refuse what cannot be run; a scene whose contact has no unique solution fails as a point."""
+    """Refuse parameters with which no scene can be simulated; points without a unique contact force fail alone."""
     checks.count("members", members, 1000)
     ensemble.check(**others)
 
@@ -69,7 +69,7 @@ def derive(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def summarise(dataset: xr.Dataset) -> Iterator[Any]:
-    """Stability and motion at each inclination, the unstable intervals, and what is unusual."""
+    """Stability and motion at each inclination, the unstable intervals, and remarks on special inclinations."""
     theta, unstable = dataset["theta"].values, dataset["unstable_modes"].values
     kinds = np.array(regimes.KINDS)[regimes.kinds(dataset)]
     vibrates = regimes.ranges(theta, np.isin(kinds, regimes.VIBRATING))

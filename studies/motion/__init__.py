@@ -1,1 +1,1 @@
-"""Physics that studies share: runs of scenes and what they say, stability of steady sliding, uncertain rigs."""
+"""Runs of scenes and their statistics, stability of steady sliding, and uncertain rigs, as studies share them."""

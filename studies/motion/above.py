@@ -1,4 +1,4 @@
-"""Sliding that grows only above the band: the motion follows it, and stability in the band does not show it."""
+"""Steady sliding that is unstable only above the band, which stability within the band does not show."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ MODEL = ("cutoff", "numerical_damping")
 
 
 def with_growth_above(dataset: xr.Dataset, structure: Any) -> xr.Dataset:
-    """Add to a result of scenes, by point, the lowest frequency of growing sliding if that is above the band.
+    """Add the lowest frequency of an unstable mode above the band to each point of a result of scenes.
 
-    NaN where nothing grows, where something grows below, and where a point is not done. A result without some
-    parameter of a scene, like one in which friction is followed, has none.
+    It is NaN where all modes are stable, where a mode within the band is unstable, and where a point is not
+    computed. A result that lacks a parameter of a scene, or in which friction is followed, gets no such variable.
     """
     status, found = dataset["status"], np.full(dataset["status"].size, np.nan)
     if not all(name in dataset.coords and {*dataset[name].dims} <= {*status.dims} for name in SCENE):
@@ -60,7 +60,7 @@ def _above(numbers: dict[str, Any]) -> float:
 
 
 def told(dataset: xr.Dataset) -> Iterator[str]:
-    """One line on the points at which sliding grows only above the band."""
+    """Yield a sentence on the points whose only unstable modes lie above the band."""
     above = dataset[NAME].values if NAME in dataset else np.empty(0)
     if count := int(np.isfinite(above).sum()):
         line = f"At {count} of {above.size} points sliding grows only above {BAND / 1e3:g} kHz, from"

@@ -1,4 +1,4 @@
-"""Ensembles: realisations of one scene that chaos makes independent, as long as its own time scale requires."""
+"""Ensembles: realisations of one scene, which chaos makes independent, and the duration that the scene needs."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ STRETCH = 0.013
 
 
 def until(min_duration: float, max_duration: float, numerical_damping: str = "none") -> dict[str, Parameter]:
-    """Parameters of runs that end when their fractions of time are known."""
+    """Parameters of runs that end when the standard errors of their fractions of time are small enough."""
     error = Parameter(0.005, "1", "largest standard error of a fraction of time at which a run ends", common=True)
     return {"standard_error": error} | _limits(min_duration, max_duration, numerical_damping)
 
 
 def loading_times(count: float, min_duration: float, max_duration: float, damping: str) -> dict[str, Parameter]:
-    """Parameters of runs that last so many static stick times."""
+    """Parameters of runs whose duration is a number of static stick times."""
     text = "least duration after settling, in static stick times t0 = mu F / (k_t V)"
     return {"loading_times": Parameter(count, "1", text, common=True)} | _limits(
         min_duration, max_duration, damping
@@ -71,7 +71,7 @@ def members(count: int) -> dict[str, Parameter]:
 
 
 def check(V: Any, F: Any, ramp: Any, max_duration: Any, min_duration: Any, **others: Any) -> None:
-    """Refuse a ramp of zero, and durations that are out of range; what else `run.check` refuses."""
+    """Refuse a ramp of zero, durations out of range, and parameters that `run.check` refuses."""
     for value in np.ravel(ramp):
         # Without a ramp all realisations would be one.
         checks.between("ramp", value, 1e-9, 1e3, "s, for realisations differ by it")
@@ -85,10 +85,10 @@ def check(V: Any, F: Any, ramp: Any, max_duration: Any, min_duration: Any, **oth
 
 
 def duration(scene: Scene, ramp: float, options: Mapping[str, Any]) -> float | Until:
-    """How long a scene runs: until its statistics are known, or for a time, s.
+    """Duration of a run: until its statistics are known, or a time, s.
 
-    The time is that to the first slip, then until it has settled, then at least `min_duration` and at least
-    `loading_times` static stick times, during which a scene that sticks and slips does so as many times; at most
+    A time includes the loading until the first slip, the settling, and then at least `min_duration` and at least
+    `loading_times` static stick times, so that a scene that sticks and slips does so that often. It is at most
     `max_duration`.
     """
     least, most = options["min_duration"], options["max_duration"]
@@ -100,7 +100,7 @@ def duration(scene: Scene, ramp: float, options: Mapping[str, Any]) -> float | U
 
 
 def realisation(scene: Scene, number: float, options: Mapping[str, Any]) -> Job:
-    """One run of a scene, by its number from 1 on."""
+    """One run of a scene; realisations are numbered from 1."""
     ramp = options["ramp"] * (1.0 + STRETCH * (number - 1.0))
     run = {name: options[name] for name in RUN} | {"ramp": ramp}
     return runs.job(scene, duration(scene, ramp, options), run)
@@ -118,9 +118,10 @@ def summaries(results: Sequence[Transient]) -> dict[str, NDArray[Any]]:
 
 
 def majority(regimes: NDArray[Any]) -> tuple[int, NDArray[np.intp]]:
-    """The regime of most realisations, and how many are in each of `run.REGIMES`.
+    """The regime of most realisations, and the number of realisations in each of `run.REGIMES`.
 
-    Of regimes with equally many it is the last one: a vibration goes before rest, and anything before "undecided".
+    Of equally frequent regimes the one listed last counts: vibration before rest, and any regime before
+    "undecided".
     """
     counts = np.bincount(regimes, minlength=len(runs.REGIMES))
     return len(counts) - 1 - int(np.argmax(counts[::-1])), counts
@@ -175,9 +176,10 @@ def coords(members: int) -> dict[str, Axis]:
 def statistics(results: Sequence[Transient]) -> dict[str, Any]:
     """Values of `outputs` from the realisations of one scene.
 
-    A quantity is the mean, in LARGEST the largest, in MIDDLE the lower median of its finite values, NaN without
-    any; a standard deviation is NaN for fewer than two. A standard error is that of the mean: from that of each
-    realisation, but where they follow different motions, or some do not know theirs, at least from their spread.
+    A quantity is the mean of its finite values; a quantity in LARGEST is the largest of them, one in MIDDLE the
+    lower median. It is NaN without finite values, and a standard deviation is NaN for fewer than two. The standard
+    error of a mean follows from those of the realisations. Where realisations follow different motions, or a
+    standard error is not known, it is at least the one that follows from their spread.
     """
     found = summaries(results)
     regimes, apart = found["regime"], motions(found, results[0].scene.V)
@@ -231,12 +233,12 @@ def vote(regimes: NDArray[Any]) -> tuple[int, float]:
 
 
 def of_mean(errors: NDArray[Any]) -> float:
-    """Standard error of the mean of realisations, from that of each."""
+    """Standard error of the mean of realisations, from the standard errors of each."""
     return float(np.sqrt(np.sum(errors**2)) / len(errors))
 
 
 def middle(values: NDArray[Any]) -> float:
-    """The lower median of the finite values: one of them, for half-way between two spectral peaks lies none."""
+    """The lower median of the finite values, which is one of them: between two spectral peaks there is no peak."""
     ordered = np.sort(values[np.isfinite(values)])
     return float(ordered[(len(ordered) - 1) // 2]) if len(ordered) else float("nan")
 
@@ -258,7 +260,7 @@ def average_outputs() -> dict[str, Variable]:
 
 
 def averages(results: Sequence[Transient]) -> dict[str, Any]:
-    """The motion of a scene's realisations: of each, and of all together."""
+    """Regimes and statistics of each realisation of a scene, and of all realisations together."""
     found = summaries(results)
     one = {name: found[name] for name in KEPT}
     vibrates = is_of(one["regime"], *VIBRATING)

@@ -1,4 +1,4 @@
-"""One parameter followed up and down: each motion begins as the last one ends."""
+"""Sweeps of one parameter up and down, in which each run starts from the final state of the previous one."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ OUTPUTS: dict[str, Any] = {
 def follow(
     chains: Sequence[tuple[Scene, ...]], member: Any, hold: float, knock: float = 0.0, **run: Any
 ) -> dict[str, Any]:
-    """The motion at each value of the parameter, up and down, of each point."""
+    """The motion of each point at each value of the parameter, upwards and downwards."""
     found: list[Any] = []
     for chain, number in zip(chains, np.broadcast_to(member, len(chains)).tolist(), strict=True):
         try:
@@ -88,16 +88,16 @@ def loop(chain: Sequence[Scene], number: float, hold: float, knock: float, run: 
 
 
 def tail(job: Job, motion: Transient) -> Job:
-    """The run that goes on with a motion and records the velocity of B."""
+    """Continue a motion, and record the velocity of B."""
     options = {**job.options, "initial": motion.final_state, "settle": None, "record": ("velocity_B",)}
     return Job(job.scene, WINDOW * job.scene.rig.time_scale, options)
 
 
 def mapped(state: State | None, before: Scene, after: Scene) -> tuple[State, float]:
-    """The state of one scene for another, and the jump of the gaps' rates relative to V.
+    """Map a state of one scene to another; return it with the jump of the gap rates relative to V.
 
-    Every mode keeps its deviation from the equilibrium under the load, and its velocity relative to the clamp:
-    steady sliding at one speed becomes that at another.
+    Each mode keeps its deviation from the equilibrium under the load and its velocity relative to the clamp, so
+    that steady sliding at one speed becomes steady sliding at the other.
     """
     assert state is not None
     if np.any(getattr(after.rig, "gap", None)):
@@ -113,7 +113,7 @@ def _load(scene: Scene) -> float:
 
 
 def extrema(velocity: Any) -> Any:
-    """Local maxima and minima, (EXTREMA,), evenly chosen of all; NaN where there are fewer."""
+    """Local maxima and minima, (EXTREMA,), selected evenly; padded with NaN."""
     places = np.sort(np.concatenate([find_peaks(velocity)[0], find_peaks(-velocity)[0]]))
     chosen = places[np.unique(np.linspace(0, len(places) - 1, EXTREMA).astype(int))] if len(places) else places
     return np.pad(velocity[chosen], (0, EXTREMA - len(chosen)), constant_values=np.nan)
@@ -126,7 +126,7 @@ COORDS = {
 
 
 def check(hold: Any, V: Any, F: Any, member: Any, **others: Any) -> None:
-    """Refuse what cannot be run."""
+    """Refuse parameters with which no scene can be simulated."""
     checks.between("hold", float(np.min(hold)), 1e-3, 1e6, "s")
     checks.between("member", float(np.min(member)), 1.0, 1e6, "a number counted from 1")
     if np.min(V) < 0.0 < np.max(V):
@@ -140,7 +140,7 @@ def followed(dataset: xr.Dataset) -> str:
 
 
 def derive(dataset: xr.Dataset) -> xr.Dataset:
-    """Add where both directions differ: one vibrates and the other does not, or both are at rest differently."""
+    """Add the ends of the interval in which one direction vibrates and the other does not."""
     name, vibrates = followed(dataset), xr.zeros_like(dataset["regime"], dtype=bool)
     vibrates.values = regimes.is_of(dataset["regime"].values, *regimes.VIBRATING)
     differ = vibrates.isel(direction=0) != vibrates.isel(direction=1)

@@ -1,4 +1,4 @@
-"""Runs that studies need: a flat list of them, and the values of a sweep's points."""
+"""Simulate a flat list of runs, and collect the values of a sweep's points."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BALANCE = {"fast": 0.1, "exact": 1e-6, "paper": 0.3}
 
 
 class BalanceError(SceneError):
-    """A run whose energy does not add up."""
+    """The energy residual of a run exceeds the limit of its method."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +34,12 @@ class Job:
 
 
 def run_all(jobs: Sequence[Job]) -> list[Transient | SceneError]:
-    """Run each job: its `Transient`, or the `SceneError` of its scene; a bad argument raises `ValueError`."""
+    """Simulate each job: its `Transient`, or the `SceneError` of its scene. Bad arguments raise `ValueError`."""
     return [simulate_many([job.scene], job.duration, **job.options)[0] for job in jobs]
 
 
 def balanced(job: Job, result: Transient | SceneError) -> Transient | SceneError:
-    """A result as it is, or the `BalanceError` of a run whose energy residual exceeds that of its method."""
+    """Return a result, or a `BalanceError` if its energy residual exceeds the limit of its method."""
     method = job.options.get("method", "fast")
     if isinstance(result, SceneError) or result.summary["energy_residual"] <= BALANCE[method]:
         return result
@@ -49,7 +49,7 @@ def balanced(job: Job, result: Transient | SceneError) -> Transient | SceneError
 
 
 def run_one(job: Job, *, balance: bool = True) -> Transient:
-    """Run a job, or raise its `SceneError`; by default also that of a run whose energy does not add up."""
+    """Simulate a job, or raise its `SceneError`, by default also a `BalanceError`."""
     (result,) = run_all([job])
     result = balanced(job, result) if balance else result
     if isinstance(result, SceneError):
@@ -58,7 +58,7 @@ def run_one(job: Job, *, balance: bool = True) -> Transient:
 
 
 def stacked(found: Sequence[Any]) -> dict[str, Any]:
-    """Values of each point as arrays, with the `error` of those that are one; if all are, the first raises."""
+    """Stack values of all points into arrays, exceptions into `error`; if all points failed, raise the first."""
     errors = [each if isinstance(each, Exception) else None for each in found]
     if None not in errors:
         raise errors[0]  # type: ignore[misc]
@@ -69,7 +69,7 @@ def stacked(found: Sequence[Any]) -> dict[str, Any]:
 
 
 def each_scene(scenes: Sequence[Scene], values: Callable[[Scene], Mapping[str, Any]]) -> dict[str, Any]:
-    """Values of each scene, seen so that V > 0, `stacked`."""
+    """Compute values of each scene, mirrored so that V > 0, and stack them."""
     found = list[Any]()
     for scene in scenes:
         try:
@@ -82,11 +82,11 @@ def each_scene(scenes: Sequence[Scene], values: Callable[[Scene], Mapping[str, A
 def outcomes(
     points: Sequence[Sequence[Job]], values: Callable[[Sequence[Job], Sequence[Transient]], Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """Simulate the jobs of all points of a batch and return what a sweep's function returns.
+    """Simulate the jobs of all points of a batch, and return the outputs of a sweep's function.
 
-    A point with a `SceneError`, which a `BalanceError` is, keeps that as its `error`, so that the other points of
-    the batch need not be computed again. If every point has one, the first is raised: a point that is computed
-    alone then ends as the line that reproduces it does.
+    The `SceneError` (or `BalanceError`) of a point becomes its `error`, so that the other points of the batch need
+    not be computed again. If every point has one, the first is raised, so that a point that is computed alone
+    fails with its own message.
 
     Parameters
     ----------

@@ -38,12 +38,13 @@ OUTPUTS = {
 
 
 def threshold(scene: Scene, largest_knock: float, resolution: float, options: dict[str, Any]) -> dict[str, float]:
-    """Middle and standard error of the interval that holds the smallest knock that starts vibration.
+    """Smallest knock that starts vibration: the middle of its bracket, and its standard error.
 
-    NaN where sliding is unstable, where no knock up to the largest starts vibration, and where the faintest
-    of SCAN does. What lies between two of SCAN that do not is missed. Where transients are chaotic, knocks that
-    differ in the ninth digit lead to different motions: the search is then repeated with such knocks, and the
-    result is the mean of those that find a threshold, with their scatter in the standard error.
+    Both are NaN where sliding is unstable, where the largest knock starts no vibration, and where the weakest
+    knock of SCAN starts it. The search misses a threshold between two knocks of SCAN that start none. Where
+    transients are chaotic, knocks that differ in the ninth digit lead to different motions: the search is then
+    repeated with such knocks, and the result is the mean of the thresholds found, with their scatter in the
+    standard error.
     """
     nothing = dict.fromkeys(OUTPUTS, np.nan)
     stability = linear_stability(scene, options["cutoff"], options["numerical_damping"])
@@ -75,12 +76,12 @@ def threshold(scene: Scene, largest_knock: float, resolution: float, options: di
 
 
 def knocks(scenes: Sequence[Scene], largest_knock: float, resolution: float, **options: Any) -> dict[str, Any]:
-    """The threshold of each scene."""
+    """`threshold` of each scene."""
     return each_scene(scenes, lambda scene: threshold(scene, largest_knock, resolution, options))
 
 
 def check(largest_knock: Any, resolution: Any, **others: Any) -> None:
-    """Refuse what cannot be computed."""
+    """Refuse parameters with which no threshold can be computed."""
     checks.number("largest_knock", largest_knock, "a number from 1e-12 to 1e6 s, or minus that",
                   lambda x: 1e-12 <= abs(x) <= 1e6)  # fmt: skip
     checks.between("resolution", resolution, 1e-6, 1.0, "1")

@@ -1,6 +1,6 @@
-"""Realisations that follow different motions: told apart, each motion with its values and its share.
+"""Detect realisations that follow different motions, and describe each motion.
 
-Their mean and its standard error describe none of them.
+The mean over such realisations and its standard error describe none of the motions.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ SHOWN = ("motion_share", "motion_regime", *(f"motion_{name}" for name in QUANTIT
 
 
 def motions(found: Mapping[str, NDArray[Any]], V: float) -> list[NDArray[np.intp]]:
-    """The realisations of each motion, ascending; the motion of most comes first.
+    """Indices of the realisations of each motion, ascending; the most frequent motion comes first.
 
-    The realisations are tested by each of QUANTITIES (`chance`). Where they are not homogeneous they are cut in
-    two by the quantity that says so most clearly, and both parts are tested again.
+    The homogeneity of the realisations is tested with each of QUANTITIES (`chance`). Realisations that are not
+    homogeneous are split in two by the quantity with the lowest probability, and both parts are tested again.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def chance(x: NDArray[Any], error: NDArray[Any]) -> float:
 
 
 def cut(part: NDArray[np.intp], x: NDArray[Any], error: NDArray[Any]) -> list[NDArray[np.intp]]:
-    """Cut realisations between two neighbouring values, where the weighted squares about both means are least."""
+    """Split realisations between two neighbours so that the weighted squares about both means are least."""
     order = part[np.argsort(x[part], kind="stable")]
     # Of values and squares from the lowest and from the highest value on; about the middle nothing cancels.
     y, weight = x[order] - np.median(x[order]), error[order] ** -2.0
@@ -87,13 +87,13 @@ def cut(part: NDArray[np.intp], x: NDArray[Any], error: NDArray[Any]) -> list[ND
 
 
 def several(dataset: xr.Dataset) -> xr.DataArray:
-    """At which computed points the realisations follow different motions; nowhere in a result that cannot tell."""
+    """Mark computed points whose realisations follow different motions; none in a result without the data."""
     done: xr.DataArray = dataset["status"] == DONE
     return done & (dataset["motions"] > 1) if "motions" in dataset else xr.zeros_like(done)
 
 
 def told(dataset: xr.Dataset, named: int = NAMED) -> Iterator[str]:
-    """One line on the points whose realisations follow different motions, with the motions of the first ones."""
+    """Yield a sentence on the points whose realisations follow different motions, and on those motions."""
     places = np.argwhere(several(dataset).values)
     if len(places):
         dims, sizes = dataset["status"].dims, dataset["status"].sizes

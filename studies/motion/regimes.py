@@ -1,4 +1,4 @@
-"""Regimes of the motion: which of them vibrate, and the regime of each point of a result."""
+"""Regimes of the motion: the regime of each point of a result, and the regimes that count as vibration."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ def kind(point: xr.Dataset) -> str:
 
 
 def is_of(codes: Any, *names: str) -> NDArray[np.bool_]:
-    """Which points are in one of the regimes called `names`; `codes` are indices in REGIMES or KINDS."""
+    """Mark the points in one of the regimes called `names`; `codes` are indices in REGIMES or KINDS."""
     return np.isin(codes, [KINDS.index(name) for name in names])
 
 
 def dominant_frequency(dataset: xr.Dataset) -> xr.DataArray:
-    """Dominant frequency, Hz; NaN for points that do not vibrate, where it is that of a vibration that dies."""
+    """Dominant frequency, Hz; NaN for points that do not vibrate, which only show a decaying vibration."""
     frequency: xr.DataArray = dataset["dominant_frequency"]
     return frequency.where(is_of(dataset["regime"].values, *VIBRATING))
 
@@ -95,7 +95,7 @@ def glued_modes(rig: Rig, theta: float) -> dict[str, Any]:
 
 
 def line_height(point: xr.Dataset) -> float:
-    """Height of the main line over its foot, dB: how sharp it is; NaN without vibration."""
+    """Height of the highest spectral line above the level around it, dB; NaN without vibration."""
     main, frequency = float(dominant_frequency(point)), point["frequency"].values
     near = point["spectrum_vibrating"].values[np.abs(frequency - main) <= FOOT * main]
     return float(np.ptp(decibels([near.max(), np.median(near)]))) if near.size else np.nan

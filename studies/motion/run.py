@@ -106,7 +106,7 @@ def check(
     skip_long_sticks: Any,
     numerical_damping: Any,
 ) -> None:
-    """Raise the `ValueError` of options that no scene can be run with, at the least and the greatest V / F."""
+    """Raise a `ValueError` for options that cannot be simulated at the least or the greatest V / F."""
     speeds, loads = np.abs(np.ravel(V)), np.ravel(F)
     runs = {"ramp": ramp, "cutoff": cutoff, "skip_long_sticks": skip_long_sticks}
     runs["numerical_damping"] = numerical_damping

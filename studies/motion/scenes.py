@@ -1,7 +1,8 @@
-"""From numbers to rigs and scenes, and which scenes are equivalent.
+"""Rigs and scenes from numbers, and equivalent scenes.
 
-(a V, a F) with the decay speed a v_d moves a times as far as (V, F) with v_d, and (-theta, -V) is the mirror image
-of (theta, V). (theta, V) and (-theta, V) differ: theta turns with V, never by itself.
+The motion at (a V, a F) with the decay speed a v_d is a times the motion at (V, F) with v_d. (-theta, -V) is the
+mirror image of (theta, V). The motion at (-theta, V) is another one, since only a reversal of both changes
+nothing.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from sweeps import InputError
 
 
 def rig_of(numbers: Mapping[str, Any]) -> Any:
-    """The structure among `numbers`; else the rig of one value of each parameter, missing ones the paper's."""
+    """The structure among `numbers`, else the rig of these numbers, with the paper's values for missing ones."""
     if (structure := numbers.get("structure")) is not None:
         return structure if isinstance(structure, Structure) else Structure.from_dict(structure)
     try:
@@ -29,7 +30,7 @@ def rig_of(numbers: Mapping[str, Any]) -> Any:
 
 
 def friction_of(numbers: Mapping[str, Any]) -> Friction:
-    """The law of friction of one value of each parameter; by default friction does not fall."""
+    """The law of friction of these numbers; by default friction does not depend on the speed."""
     try:
         return Friction(**{name: numbers[name] for name in FRICTION if name in numbers})
     except ValueError as problem:
@@ -37,12 +38,12 @@ def friction_of(numbers: Mapping[str, Any]) -> Friction:
 
 
 def scene_of(numbers: Mapping[str, Any]) -> Scene:
-    """The scene of one value of V, theta, mu and F, and of the parameters of its rig and its friction."""
+    """The scene of these numbers: V, theta, mu, F, and the parameters of rig and friction."""
     return scenes_of(numbers, 1)[0]
 
 
 def scenes_of(numbers: Mapping[str, Any], count: int) -> list[Scene]:
-    """One scene for each point; every parameter is one value or has an entry for each of `count` points."""
+    """One scene for each point; each parameter is one value or an array of `count` values."""
     rig, columns = rig_of(numbers), _columns(numbers, count)
     law = cache(lambda *values: friction_of(dict(zip(FRICTION, values, strict=True))))
     return [
@@ -52,9 +53,10 @@ def scenes_of(numbers: Mapping[str, Any], count: int) -> list[Scene]:
 
 
 def normalised(numbers: Mapping[str, Any], count: int, *, steady: bool = False) -> dict[str, NDArray[Any]]:
-    """Parameters of the scaled scene with V > 0 and F = 1 of each point; what changes nothing has one value.
+    """Parameters of each point's scaled scene, which has V > 0 and F = 1; one value of those without effect.
 
-    With `steady` those of steady sliding, which V and F change only where friction falls with the speed.
+    With `steady` they are those of steady sliding, which depends on V and F only where friction falls with the
+    speed.
     """
     points = _columns(numbers, count)
     constant, jump = points["kinetic_ratio"] == 1.0, points["decay_speed"] == 0.0
@@ -85,7 +87,7 @@ def _per_load(speed: NDArray[Any], load: NDArray[Any]) -> NDArray[Any]:
 def key(
     points: Mapping[str, Any], *, fixed: Mapping[str, Any], others: Sequence[str], steady: bool
 ) -> NDArray[Any]:
-    """Equal rows for points whose scenes, or `steady` sliding, are equivalent and whose `others` are equal."""
+    """Rows that are equal for points with equivalent scenes (or `steady` sliding) and equal `others`."""
     scaled = normalised({**fixed, **points}, len(next(iter(points.values()))), steady=steady)
     columns = [*scaled.values(), *(points[name] for name in others)]
     codes = [np.unique(c, return_inverse=True)[1] if c.dtype.kind == "U" else c for c in columns]
@@ -93,13 +95,13 @@ def key(
 
 
 def factors(points: Mapping[str, Any], *, fixed: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """Factors of the outputs of normalised scenes: `load`, and `along`, which has the sign of V too."""
+    """Factors of the outputs of normalised scenes: `load`, and `along`, which changes its sign with V."""
     numbers = _columns({**fixed, **points}, len(next(iter(points.values()))))
     return {"load": numbers["F"], "along": numbers["F"] * np.sign(numbers["V"])}
 
 
 def _columns(numbers: Mapping[str, Any], count: int) -> dict[str, NDArray[Any]]:
-    """Each parameter of a scene and its friction, by default the usual one, with an entry for each point."""
+    """Arrays of each parameter of a scene and its friction, defaults included, with one value for each point."""
     columns = {
         name: np.broadcast_to(np.asarray(numbers.get(name, p.default), dtype=None if p.choices else float), count)
         for name, p in (SCENE | FRICTION).items()

@@ -70,7 +70,7 @@ def coords(*, duration: float, sample_rate: float) -> dict[str, Axis]:
 
 
 def kept(run: Transient, record: Sequence[str]) -> dict[str, Any]:
-    """The recorded series of a run, as they are stored."""
+    """The recorded series of a run, in the form in which they are stored."""
     return {
         name: getattr(run, name) if name.endswith("state") else getattr(run, name).astype(np.float32)
         for name in record
@@ -78,7 +78,7 @@ def kept(run: Transient, record: Sequence[str]) -> dict[str, Any]:
 
 
 def sampling(record: Sequence[str], times: Array | None) -> dict[str, Any]:
-    """Options of `simulate` by which it keeps series at these times; none where nothing is recorded."""
+    """Options with which `simulate` records series at these times; none if nothing is recorded."""
     names = tuple({name.removeprefix("contact_"): None for name in record})
     return {"record": names, "sample_times": times} if names else {"record": False}
 
@@ -117,14 +117,14 @@ def frequencies(sample_rate: float) -> Axis:
 
 
 def velocity(run: Transient, times: Array, sample_rate: float) -> Array:
-    """Velocity of B at even `times`, m/s, without what lies above half their rate."""
+    """Velocity of B at even `times`, m/s, without frequencies above half their rate."""
     fine = np.arange(len(times) * OVERSAMPLING) / (sample_rate * OVERSAMPLING)
     even = np.interp(fine, run.time, run.velocity_B)
     return np.asarray(scipy.signal.resample_poly(even, 1, OVERSAMPLING, padtype="line"))
 
 
 def long_sticks(run: Transient, times: Array) -> NDArray[np.bool_]:
-    """Which of `times` lie within a long stick begun after the first slip; an unfinished one counts."""
+    """Mark the `times` within a long stick begun after the first slip; an unfinished one counts."""
     inside = np.zeros(len(times), dtype=bool)
     first, least = run.summary["first_slip_time"], LONG_STICK * loading_time(run.scene)
     for begin, end in runs_of_true(run.state == runs.STATES.index("stick")):
@@ -135,16 +135,17 @@ def long_sticks(run: Transient, times: Array) -> NDArray[np.bool_]:
 
 
 def after_settling(run: Transient, times: Array) -> NDArray[np.bool_]:
-    """Which of `times` count for statistics."""
+    """Mark the `times` that statistics use."""
     first = run.summary["first_slip_time"]
     return np.asarray(times >= (0.0 if np.isnan(first) else first + runs.SETTLING))
 
 
 def spectrum(series: Array, chosen: NDArray[np.bool_], sample_rate: float) -> Array:
-    """Power spectral density of a series where it is chosen, at `frequencies(sample_rate)`.
+    """Power spectral density of the selected parts of a series, at `frequencies(sample_rate)`.
 
-    Welch's method, one-sided: Hann windows, half overlapping. A part shorter than a window counts if it has an
-    eighth of one; a burst between two long sticks is that short. NaN if no part is long enough.
+    The method is Welch's, one-sided, with half overlapping Hann windows. A part shorter than a window counts if it
+    has at least an eighth of its length, since a burst between two long sticks can be that short. NaN if no part
+    is long enough.
     """
     length = _length(sample_rate)
     total, weight = np.zeros(length + 1), 0.0
@@ -173,7 +174,7 @@ def runs_of_true(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 
 def peak_near(frequency: Array, power: Array, target: float, within: float) -> float:
-    """Frequency of the strongest spectral peak within a share of `target`, Hz; NaN if no peak stands out."""
+    """Frequency of the strongest peak within a relative distance of `target`, Hz; NaN if no peak stands out."""
     near = np.flatnonzero(np.abs(frequency - target) <= within * target)  # none for a target that is NaN
     near = near[(near > 0) & (near < len(power) - 1)]
     if not len(near) or not np.all(np.isfinite(power[near])):

@@ -80,9 +80,9 @@ def mode_numbers(rig: Rig | Structure) -> dict[str, Axis]:
 def largest_growth(rig: Any, theta: Any, mu: Any, fmax: float = BAND, **law: Any) -> tuple[Array, Array, Array]:
     """Growth rate and frequency of the least stable mode, and the number of unstable modes, with V > 0.
 
-    `rig` is a Rig, or a Structure, which has no theta. theta, mu and `law` (`sliding_of`) broadcast; only modes
-    below `fmax` count. 1/s and Hz, NaN where the band has no mode; a pair of which one mode grows and one decays
-    counts once.
+    `rig` is a Rig, or a Structure, for which theta must be 0. theta, mu and `law` (`sliding_of`) broadcast; only
+    modes below `fmax` count. 1/s and Hz, NaN where the band has no mode; a pair of one growing and one decaying
+    mode counts once.
     """
     if isinstance(rig, Structure):
         mu, theta = np.broadcast_arrays(mu, theta)[0], 0.0
@@ -100,7 +100,7 @@ def largest_growth(rig: Any, theta: Any, mu: Any, fmax: float = BAND, **law: Any
 
 
 def growths(rig: Any, theta: Any, mu: Any, **sliding: Any) -> tuple[Array, ...]:
-    """`largest_growth` of points with values of `parameters.SLIDING`; those of one law of friction together."""
+    """`largest_growth` at points with values of `parameters.SLIDING`, together for each law of friction."""
     if np.all(np.equal(sliding["kinetic_ratio"], 1.0)):
         return largest_growth(rig, theta, mu)
     columns = np.broadcast_arrays(theta, mu, *(sliding[name] for name in SLIDING))
@@ -118,13 +118,13 @@ def growths(rig: Any, theta: Any, mu: Any, **sliding: Any) -> tuple[Array, ...]:
 def first_growth(rig: Any, theta: float, fmax: float, largest: float, **law: Any) -> tuple[float, float]:
     """Lowest mu up to `largest` from which a pair below `fmax` is unstable, and its frequency, Hz; or NaN.
 
-    That is at a flutter onset, or at the top of the band, which an unstable pair enters. `law`: as `sliding_of`.
+    It is a flutter onset, or the mu at which an unstable pair enters the band from above. `law`: as `sliding_of`.
     """
     return first_of(flutter_onsets(rig, theta, fmax, largest, **law), fmax)
 
 
 def first_of(found: FlutterOnsets, fmax: float) -> tuple[float, float]:
-    """The first of onsets and of pairs that enter the band; see `first_growth`."""
+    """The lowest mu of the onsets and of the pairs that enter the band; see `first_growth`."""
     onsets = zip(found.mu.tolist(), found.frequency.tolist(), strict=True)
     return min((*onsets, *((mu, fmax) for mu in found.entry_mu.tolist())), default=(np.nan, np.nan))
 
@@ -136,7 +136,7 @@ def least_stable(scene: Scene) -> tuple[float, float]:
 
 
 def unstable_pairs(scene: Scene) -> dict[str, Any]:
-    """Number of the unstable pairs; frequency and growth rate of the least stable ones, ascending in frequency."""
+    """Number of unstable pairs; frequency and growth rate of the least stable ones, ascending in frequency."""
     modes = sliding_modes(scene.rig, scene.drive_theta, scene.mu, BAND, **sliding_of(scene))
     unstable = np.flatnonzero(modes.unstable)
     least_stable = np.argsort(-modes.growth_rate[unstable], kind="stable")[:PAIRS]
@@ -147,10 +147,10 @@ def unstable_pairs(scene: Scene) -> dict[str, Any]:
 
 
 def linear_stability(scene: Scene, cutoff: float | None, numerical_damping: str) -> dict[str, Any]:
-    """Linear stability of steady sliding: of all modes below the band's end, and of the model that is simulated.
+    """Linear stability of steady sliding, for all modes in the band and for the simulated model.
 
-    Which of its modes grow depends on its numerical damping and its cut-off; a scene that vibrates although none
-    does is subcritical.
+    The growth rates of the simulated model depend on its numerical damping and its cut-off. A scene that vibrates
+    although all its modes are stable is subcritical.
     """
     rate, frequency, unstable = largest_growth(scene.rig, scene.drive_theta, scene.mu, **sliding_of(scene))
     found, model_rate, model_frequency = model_exponents(scene, cutoff, numerical_damping), np.nan, np.nan
@@ -167,7 +167,7 @@ def sliding_of(scene: Scene) -> dict[str, Any]:
 
 
 def friction_in(dataset: xr.Dataset) -> Friction:
-    """The law of friction of a result with only one."""
+    """The law of friction of a result that has only one."""
     return friction_of({name: dataset[name].item() for name in FRICTION if name in dataset.coords})
 
 
@@ -191,7 +191,7 @@ def first_onsets(dataset: xr.Dataset, rig: Any) -> tuple[tuple[Any, ...], Array,
 def with_unstable_intervals(dataset: xr.Dataset, rig: Rig, mu: float, V: float = 1.0) -> xr.Dataset:
     """Add the unstable intervals within the range of theta as `window_*`, ascending in frequency, then theta.
 
-    Where they cannot be computed the result has none, and the `comment` of `window_from` gives the reason.
+    Where they cannot be computed the result has no intervals, and the `comment` of `window_from` gives the reason.
     """
     theta, comment, law = dataset["theta"].values, "", friction_in(dataset)
     try:
@@ -237,7 +237,7 @@ def _none() -> dict[str, Array]:
 
 
 def with_flags(dataset: xr.Dataset, words: tuple[str, ...], *names: str) -> xr.Dataset:
-    """Name the whole numbers of derived variables."""
+    """Add the meanings of integer codes to derived variables."""
     for name in names:
         attributes = dataset[name].attrs
         attributes.pop("units", None)

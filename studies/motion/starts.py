@@ -1,4 +1,4 @@
-"""Starts of runs at the full speed of the drive: steady sliding or rest, moved along modes or knocked."""
+"""Initial states at the full speed of the drive: steady sliding or rest, displaced along modes or by a knock."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ SETTINGS = {
 def directions(scene: Scene, names: Sequence[str], mode: int = 0, second_mode: int = 0) -> Array:
     """Modal displacements and velocities for a unit of each coordinate, (names, 2, modes), with V > 0.
 
-    Modes are those of steady sliding below 10 kHz that oscillate, by number from 1 on as the frequency ascends; 0
-    is the least stable. Their shapes leave the contact closed. A knock acts on P1 alone, of a structure from
-    matrices on the bodies that are loaded, of one from modes on both sides of the contact.
+    The modes are the oscillating modes of steady sliding below 10 kHz, numbered from 1 in ascending frequency; 0
+    is the least stable one. Their shapes keep the contact closed. A knock acts on P1. On a structure from matrices
+    it acts on the loaded bodies, on a structure from modes on both sides of the contact.
     """
     fivcore.one_contact(scene.rig, "starts are those of one contact")
     own = fivcore.modal_structure(scene.rig, scene.theta).motion
@@ -94,7 +94,7 @@ def labels_of(scene: Scene, states: Sequence[State], options: Mapping[str, Any])
 
 
 def check(V: Any, F: Any, duration: Any, step: Any, cutoff: Any, numerical_damping: Any) -> None:
-    """Refuse settings that no scene can be run with."""
+    """Refuse settings with which no scene can be simulated."""
     for name, value, least in (("duration", duration, 1e-6), ("step", step, 1e-12)):
         if value is not None:
             checks.between(name, value, least, 1e6, "s, or auto")

@@ -1,6 +1,6 @@
-"""Power laws T ~ V^n of the sticks of realisations: means and exponents with bootstrap intervals.
+"""Power laws T ~ V^n of sticks: means and exponents with bootstrap intervals.
 
-Sticks of one run are not independent of each other, realisations are: the bootstrap draws whole runs.
+Sticks of one run depend on each other, realisations do not; so the bootstrap resamples whole runs.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def sticks(scenes: Sequence[Scene], member: Any, **run: Any) -> dict[str, Any]:
 
 
 def of_sticks(scene: Scene, run: Any) -> dict[str, Any]:
-    """A run's long sticks, by whether the motion had settled when they began."""
+    """Long sticks of a run, start-up and sustained: begun before or after the motion had settled."""
     first, long = run["first_slip_time"], run["stick_times"]
     early = run["stick_starts"] - first < SETTLING
     return {
@@ -123,7 +123,7 @@ def _fit(at: xr.Dataset) -> dict[str, Any]:
 
 
 def bootstrap(time: Any, count: Any) -> tuple[Any, Any]:
-    """Mean stick time at each speed, and samples of it, from totals of runs, (speeds, runs); NaN of too few."""
+    """Mean stick time at each speed and bootstrap samples of it, from totals of runs, (speeds, runs); or NaN."""
     speeds, members = time.shape
     chosen = np.random.default_rng(SEED).integers(members, size=(SAMPLES, speeds, members))
     row, few = np.arange(speeds)[None, :, None], np.count_nonzero(count, axis=1) < min(FEWEST, members)
@@ -144,7 +144,7 @@ def exponent(V: Any, mean: Any, samples: Any, chosen: Any) -> Any:
 
 
 def local_exponents(V: Any, mean: Any, samples: Any) -> Any:
-    """Exponent about each speed, from its neighbours, with the ends of its interval, (3, speeds)."""
+    """Exponent at each speed from its neighbours, with the ends of its interval, (3, speeds)."""
     index = np.arange(len(V))
     near = [(np.abs(index - k) <= 1) & np.isfinite(mean[k]) for k in index]
     return np.stack([exponent(V, mean, samples, chosen) for chosen in near], axis=1)
@@ -168,7 +168,7 @@ def interval(samples: Any) -> Any:
 
 
 def crossing(V: Any, share: Any, level: float) -> float:
-    """Speed at which a share last falls below a level, linear in V between its neighbours; NaN without."""
+    """Highest speed at which a fraction falls below a level, interpolated linearly in V; NaN if it never does."""
     V, share = V[np.isfinite(share)], share[np.isfinite(share)]
     above = np.flatnonzero(share > level)
     if not len(above) or above[-1] == len(V) - 1:
@@ -196,13 +196,13 @@ def with_ends(at: xr.Dataset, name: str, factor: float = 1.0) -> str:
 
 
 def lasting(at: xr.Dataset) -> dict[float, Any]:
-    """T V of the sustained sticks, um, by speeds with enough of them."""
+    """T V of the sustained sticks, um, at the speeds with enough of them."""
     times = at["stick_time"].where(at["stick"] > at["start_up_count"]).transpose("V", ...)
     found = {float(of["V"]): (1e6 * float(of["V"]) * of.values)[np.isfinite(of.values)] for of in times}
     return {V: values for V, values in found.items() if len(values) >= LEAST_STICKS * at.sizes["member"]}
 
 
 def check(member: Any, **others: Any) -> None:
-    """Refuse what cannot be run."""
+    """Refuse parameters with which no scene can be simulated."""
     checks.between("member", float(np.min(member)), 1.0, 1e6, "a number counted from 1")
     ensemble.check(**others)

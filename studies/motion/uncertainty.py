@@ -55,9 +55,10 @@ RESAMPLES = 100
 
 @dataclass(frozen=True, eq=False)
 class Distribution:
-    """A distribution of SciPy's, truncated to what its parameter can be.
+    """A distribution of SciPy, truncated to the range of its parameter.
 
-    `text` is as one types it, in the parameter's units: `normal:0.2:0.02`; `low` and `high` bound the parameter.
+    `text` is its form on the command line, in the parameter's units: `normal:0.2:0.02`; `low` and `high` bound the
+    parameter.
     """
 
     text: str
@@ -98,7 +99,7 @@ def is_kind(word: str) -> bool:
 
 
 def _scipys(word: str) -> tuple[str, ...]:
-    """Names of the numbers of a distribution of `scipy.stats`; () if there is none."""
+    """Names of the parameters of a distribution of `scipy.stats`; () if there is none of this name."""
     found = getattr(scipy.stats, word, None)
     if not isinstance(found, scipy.stats.rv_continuous):
         return ()
@@ -106,7 +107,7 @@ def _scipys(word: str) -> tuple[str, ...]:
 
 
 def text_of(given: Any, name: str) -> str:
-    """The text that one types for a distribution of a parameter, which may be a frozen one of `scipy.stats`."""
+    """Text, as on the command line, of a parameter's distribution, which may be a frozen one of `scipy.stats`."""
     if isinstance(text := getattr(given, "text", given), str):
         return text
     kind = str(getattr(getattr(given, "dist", None), "name", ""))
@@ -185,7 +186,7 @@ def _frozen(kind: str, *numbers: float) -> Any:
 
 
 def usual(numbers: Mapping[str, Any]) -> dict[str, str]:
-    """The usual distributions about these numbers of a rig; what is 0 or not among them is certain."""
+    """Default distributions around these numbers of a rig; those that are 0 or not listed are certain."""
     return {
         name: f"normal:{numbers[name]:.12g}:{relative * abs(numbers[name]):.6g}"
         for name, relative in USUAL.items()
@@ -194,7 +195,7 @@ def usual(numbers: Mapping[str, Any]) -> dict[str, str]:
 
 
 def distributions(texts: Mapping[str, str]) -> dict[str, Distribution]:
-    """The distributions of parameters of stability; an `InputError` names one that is none of these."""
+    """Distributions of parameters that stability depends on; an `InputError` names any other parameter."""
     for name in set(texts) - set(UNCERTAIN):
         near = suggest(name, UNCERTAIN) or f"choose from {', '.join(UNCERTAIN)}"
         raise InputError(f"{name}: stability does not depend on it; {near.strip()}")
@@ -227,14 +228,15 @@ def table(texts: Mapping[str, str]) -> pd.DataFrame:
 
 
 def onsets(rig: Rig, numbers: Mapping[str, Any], mu_max: float = MU_MAX) -> ManyFlutterOnsets:
-    """Onsets and recoveries of many rigs, in which some numbers, and theta, are not those of `rig`."""
+    """Onsets and recoveries of many rigs, which differ from `rig` in some numbers or in theta."""
     return flutter_onsets_many({k: v for k, v in numbers.items() if k != "mu"}, BAND, mu_max, rig)
 
 
 def lowest(table: ManyFlutterOnsets, otherwise: float) -> tuple[Array, Array]:
     """Lowest friction at which a mode of each rig becomes unstable in the band, and its frequency, Hz.
 
-    That is at an onset or where an unstable mode enters at the top of the band; else `otherwise` and NaN.
+    It is an onset, or the friction at which an unstable mode enters the band from above. Without either the values
+    are `otherwise` and NaN.
     """
     onset, frequency, entry = (
         np.append(values, np.full((len(values), 1), np.nan), axis=1)[:, 0]

@@ -1,1 +1,1 @@
-"""What studies ask of several motions: thresholds, loops, limit cycles and their branches, sticks, phases."""
+"""Computations that studies share: thresholds, limit cycles, branches, onsets, sticks, phases, probabilities."""

@@ -1,7 +1,7 @@
-"""Classical models with friction or impact: known answers, and those of the solver.
+"""Classical models with friction or impact: their known answers, and those of the solver.
 
-Each returns a row of published or closed-form values and one by `fivcore`: of a motion by method "exact", and
-two more by "fast" with two steps.
+Each function returns a row of published or closed-form values and a row of values by `fivcore`; for a motion, one
+row by method "exact" and two by "fast" with two steps.
 """
 
 from __future__ import annotations
@@ -21,7 +21,10 @@ SOLVER: dict[str, Any] = {"method": "DOP853", "rtol": 3e-14, "atol": 1e-15}
 
 
 def coupled(k11: float, k12: float, k21: float, k22: float, kn: float, mu: float) -> Any:
-    """lam^2 = -(k11 + k22) / 2 +- root of (k11 - k22)^2 / 4 + k21 (k12 - mu kn), which vanishes at the onset."""
+    """Two coupled modes: lam^2 = -(k11 + k22) / 2 +- sqrt((k11 - k22)^2 / 4 + k21 (k12 - mu kn)).
+
+    The root vanishes at the onset.
+    """
     matrices, friction = (np.eye(2), None, [[k11, k12], [k21, k22]]), [[0.0, -kn], [0.0, 0.0]]
     onset = fivcore.assembled_onsets(*matrices, friction, 1.0, 2.0)[0][0]
     modes = assembled_modes(*matrices, friction_stiffness=friction, mu=[onset, mu], fmax=1.0)
@@ -33,7 +36,10 @@ def coupled(k11: float, k12: float, k21: float, k22: float, kn: float, mu: float
 
 
 def hulten() -> Any:
-    """Hurwitz's a1 a2 a3 = a1^2 + a3^2 a0; without damping the limit of equal damping."""
+    """Onsets of Hulten's model by Hurwitz's condition a1 a2 a3 = a1^2 + a3^2 a0.
+
+    Without damping the onset is the limit for equal damping of both modes.
+    """
     w = 2.0 * np.pi * np.array([100.0, 75.0])
     damping, K, friction = DAMPING * w, np.diag(w**2), [[0.0, -(w[1] ** 2)], [w[0] ** 2, 0.0]]
     ours = [fivcore.assembled_onsets(np.eye(2), np.diag(c), K, friction, 200.0)[0][0] for c in damping]
@@ -44,24 +50,24 @@ def hulten() -> Any:
 
 
 def block_of(omega: float, xi: float = 0.0) -> Structure:
-    """1 kg on a spring along the drive, damped, under a load."""
+    """A damped block of 1 kg on a spring along the drive, under a load."""
     hertz, damping = [0.0, omega / (2.0 * np.pi)], [0.0, xi] if xi else None
     return Structure.from_modes(hertz, [1.0, 0.0], [0.0, 1.0], load=[-1.0, 0.0], damping_ratio=damping)
 
 
 def belted(V: float, law: Friction, xi: float = 0.0) -> tuple[Scene, State]:
-    """The block on a belt, m = k = F_s = 1, which is carried along from x = 0."""
+    """The block on a belt with m = k = F_s = 1; the belt carries it along from x = 0."""
     return Scene(V, 0.0, 1.0, 1.0, block_of(1.0, xi), law), State(np.zeros(2), np.array([0.0, V]), STICK)
 
 
 def states(scene: Scene, start: State, times: Any) -> Any:
-    """Positions and velocities by 'exact'; those of the block are the second and the fourth."""
+    """Positions and velocities by "exact"; the second and the fourth are those of the block."""
     own, begin = Normalised.of(scene), State(start.displacement / scene.F, start.velocity / scene.F, start.contact)
     return scene.F * exact.states_at(own, np.atleast_1d(times), ramp=0.0, initial=begin)
 
 
 def positions(scene: Scene, start: State, times: Any, step: float) -> list[Any]:
-    """Positions of the block by 'exact' and, with two steps, 'fast'."""
+    """Positions of the block by "exact" and, with two steps, by "fast"."""
     found = [states(scene, start, times)[:, 1]]
     for h in (step, 0.5 * step):
         run = simulate(scene, times[-1], ramp=0.0, initial=start, step=h, record=True, sample_rate=None)
@@ -72,7 +78,7 @@ def positions(scene: Scene, start: State, times: Any, step: float) -> list[Any]:
 
 
 def decay() -> Any:
-    """2 mu N / k less each half period, until a turn is within mu N / k; in 1e-4 m."""
+    """Free oscillation: the amplitude decreases by 2 mu N / k in each half period down to mu N / k; in 1e-4 m."""
     N, x, half, turn = 10.0 * np.sqrt(0.5), 0.85e-3 * np.sqrt(0.5), np.pi / 100.0, np.arange(1, 6)
     known = (-1.0) ** np.minimum(turn, 4) * (x - 0.2e-4 * N * np.minimum(turn, 4))
     scene, start = Scene(1e-11, 0.0, 0.1, N, block_of(100.0)), State(np.array([0.0, x]), np.zeros(2), SLIP)
@@ -80,7 +86,7 @@ def decay() -> Any:
 
 
 def swings() -> Any:
-    """The first turn is at sqrt(205) - 1 when tan t = 6 / 13, each of the seven swings two less."""
+    """Seven swings of the block: the first turn is at sqrt(205) - 1 when tan t = 6 / 13, each later one 2 less."""
     first, root, eight = np.arctan2(6.0, 13.0), np.sqrt(205.0), np.array([0.0, 8.0 * np.pi])
     start = State(np.array([0.0, 12.0]), np.array([0.0, 6.0]), SLIP)
     scene = Scene(1e-12, 0.0, 1.0, 1.0, block_of(1.0))
@@ -90,13 +96,13 @@ def swings() -> Any:
 
 
 def belt() -> Any:
-    """Sticks until x1 = mu N / k = 1, then x = x1 + V / omega sin omega (t - t1)."""
+    """The block sticks until x1 = mu N / k = 1; then x = x1 + V / omega sin omega (t - t1)."""
     V, times = 2.0 / np.pi, 0.5 * np.pi * np.array([1.0, 2.0, 4.0])
     return [[1.0, 1.0 + V, 1.0 - V], *positions(*belted(V, Friction()), times, np.pi / 100.0)]
 
 
 def slipping(V: float, law: Friction, xi: float = 0.0) -> Any:
-    """Rates of (x, v) by x'' + 2 xi x' + x = mu(V - v); `way` is 1, or -1 where it overtakes the belt."""
+    """Rates of (x, v) by x'' + 2 xi x' + x = mu(V - v); `way` is 1, or -1 where the block overtakes the belt."""
 
     def rates(_: float, y: Any, way: float = 1.0) -> Any:
         u, kappa = abs(V - y[1]) / law.decay_speed, law.kinetic_ratio
@@ -107,9 +113,10 @@ def slipping(V: float, law: Friction, xi: float = 0.0) -> Any:
 
 
 def cycle(V: float, law: Friction) -> tuple[float, float, Any]:
-    """Slip, stick, and the turns, (n, 2), of the cycle.
+    """Duration of slip and of stick, and the turns, (n, 2), of the cycle.
 
-    Where the spring is too tight to stick when the block has become as fast as the belt, it overtakes the belt.
+    If the spring force exceeds static friction when the block has become as fast as the belt, it overtakes the
+    belt.
     """
     t, x, v, way, turns = 0.0, 1.0, V, 1.0, []
 
@@ -126,7 +133,7 @@ def cycle(V: float, law: Friction) -> tuple[float, float, Any]:
 
 
 def cycles(V: float, law: Friction, slip: float, stick: float, turns: Any) -> Any:
-    """Period, slip, stick and turns: the given ones, and those by 'exact' and, with two steps, 'fast'."""
+    """Period, slip, stick and turns: the given ones, and those by "exact" and, with two steps, by "fast"."""
     (scene, start), rows = belted(V, law), [[slip + stick, slip, stick]]
     how: dict[str, Any] = {"ramp": 0.0, "settle": 0.0, "min_stick": 0.5, "initial": start}
     duration = 1.0 / V + 2.0 * (slip + stick) + 1.0
@@ -138,14 +145,14 @@ def cycles(V: float, law: Friction, slip: float, stick: float, turns: Any) -> An
 
 
 def leine() -> Any:
-    """Published by shooting; here by SciPy, to more digits. At V = .8 the block overtakes the belt."""
+    """Stick-slip cycles, published by shooting; here by SciPy. At V = .8 the block overtakes the belt."""
     law = Friction(0.0, 1.0 / 3.0, "rational")
     first, *others = (cycles(V, law, *cycle(V, law)) for V in (0.2, 0.05, 0.1, 0.4, 0.8))
     return np.hstack([first, *(table[:, :1] for table in others)])
 
 
 def jump() -> Any:
-    """It sticks for 2 (1 - kappa) / V, then swings about kappa."""
+    """A jump of friction: the block sticks for 2 (1 - kappa) / V, then swings about kappa."""
     V, kappa = 0.2, 0.5
     stick, slip = 2.0 * (1.0 - kappa) / V, 2.0 * (np.pi - np.arctan((1.0 - kappa) / V))
     top = np.array([[np.arctan(V / (1.0 - kappa)), kappa + np.hypot(1.0 - kappa, V)]])
@@ -153,12 +160,15 @@ def jump() -> Any:
 
 
 def fading() -> Any:
-    """Damping outweighs the fall of friction from V = v_d ln((1 - kappa) / (2 xi v_d)) on; cycles end later."""
+    """Onset of self-excitation under damping and falling friction, and the higher speed at which cycles end.
+
+    Damping outweighs the fall of friction from V = v_d ln((1 - kappa) / (2 xi v_d)) on.
+    """
     law, xi, kappa, v_d = Friction(0.5, 0.5), 0.05, 0.5, 0.5
     onset = fivcore.sliding_onsets(belted(1.0, law, xi)[0], "V", 0.5, 2.0, 1.0).value[0]
 
     def crest(V: float) -> tuple[float, float]:
-        """When the block, once it slips, is fastest, and by how much slower than the belt."""
+        """Time at which the block is fastest after it begins to slip, and how much slower than the belt it is."""
         rates, start = slipping(V, law, xi), [1.0 - 2.0 * xi * V, V]
         found = solve_ivp(rates, (0.0, 9.0), start, events=[lambda t, y: rates(t, y)[1]], **SOLVER)
         return found.t_events[0][-1], V - found.y_events[0][-1][1]
@@ -171,7 +181,10 @@ def fading() -> Any:
 
 
 def bar(n: int = 50) -> Any:
-    """The published scheme, n elements, lumped mass, at the Courant limit; a last mode moves tangentially."""
+    """Impact of an elastic bar by the published scheme: n elements, lumped mass, at the Courant limit.
+
+    A last mode moves tangentially.
+    """
     c, L, v, h, k = 30.0, 10.0, 10.0, 10.0 / n, np.arange(n + 1)
     end, hertz = np.sqrt(np.where(k % n, 2.0, 1.0) / L), c / h / np.pi * np.sin(0.5 * np.pi * k / n)
     rigid = np.eye(n + 2)[0] / end[0]

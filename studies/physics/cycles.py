@@ -1,4 +1,4 @@
-"""Limit cycles: near a run, on the edge between two motions, and followed over a parameter."""
+"""Limit cycles: near a run, on the edge between two motions, and along branches over a parameter."""
 
 from __future__ import annotations
 
@@ -64,9 +64,10 @@ BRANCHES = {n: v for n, v in following.OUTPUTS.items() if n not in ("extremum", 
 
 
 def followed(scene: Scene, cutoff: float | None, most: int) -> tuple[LimitCycle | None, float]:
-    """The limit cycle of a scene, if one is found, and the d2 to which it was followed.
+    """The limit cycle of a scene, or None, and the d2 to which it was followed.
 
-    It is sought near a run without long sticks: of beams at d2 = SOUGHT, at which it repeats itself best.
+    The search starts from a run without long sticks; of beams, from one at d2 = SOUGHT, where runs are nearest to
+    periodic.
     """
     own = getattr(scene.rig, "d2", np.nan)
     first = replace(scene, rig=replace(scene.rig, d2=SOUGHT)) if isinstance(scene.rig, Rig) else scene
@@ -88,9 +89,10 @@ def followed(scene: Scene, cutoff: float | None, most: int) -> tuple[LimitCycle 
 
 
 def on_edge(scene: Scene, ends: Sequence[State] | None, hold: float, model: dict[str, Any]) -> LimitCycle | None:
-    """The cycle on the edge between a vibration and sliding, or that of a run; None where none is found.
+    """The cycle on the edge between vibration and sliding, or the cycle of a run; None if none is found.
 
-    The edge between sliding and some state of a vibration may be long or short: further states are tried in turn.
+    The edge between sliding and a state of the vibration may be hard to reach, so further states are tried in
+    turn.
     """
     for _ in range(TRIES if ends else 1):
         try:
@@ -108,7 +110,7 @@ def on_edge(scene: Scene, ends: Sequence[State] | None, hold: float, model: dict
 def values(
     scene: Scene, motion: Transient, most: int, numerical_damping: str, cutoff: float | None
 ) -> dict[str, Any]:
-    """CYCLE and CYCLE_SERIES of a scene, from the longest stick on, and how near a motion is; NaN without one."""
+    """CYCLE and CYCLE_SERIES of a scene, from the longest stick on; NaN without a cycle."""
     damped = replace(scene, rig=fivcore.with_numerical_damping(scene.rig, run.METHOD, numerical_damping))
     cycle, d2 = followed(damped, cutoff, most) if most else (None, np.nan)
     values: dict[str, Any] = dict.fromkeys(CYCLE, np.nan) | {"cycle_d2": d2}
@@ -127,10 +129,10 @@ def values(
 
 
 def near(motion: Transient, cycle: LimitCycle) -> float:
-    """The part of the time in which a motion is near a cycle.
+    """Fraction of time in which a motion is near a cycle.
 
-    Near it is a period in which normal force and velocity of B differ from the cycle's, at the best phase, by
-    less than NEAR of their deviations on it (root mean square).
+    A period is near it if normal force and velocity of B differ from the cycle's, at the best phase, by less than
+    NEAR of their standard deviations on the cycle (root mean square).
     """
     step, names = cycle.period / COMPARED, ("normal_force", "velocity_B")
     times = np.arange(motion.summary["first_slip_time"], motion.time[-1], step)
@@ -149,7 +151,7 @@ def near(motion: Transient, cycle: LimitCycle) -> float:
 def of_chain(
     chain: Sequence[Scene], regime: Any, name: str, hold: float, most: int, edges: int, how: dict[str, Any]
 ) -> dict[str, Any]:
-    """Thresholds and branches, from the edge where two motions are stable, and from a periodic vibration."""
+    """Thresholds and branches, from the edge between two stable motions and from a periodic vibration."""
     model = {key: how[key] for key in ("cutoff", "numerical_damping")}
     ends, vibrates = [value_of(chain[k], name) for k in (0, -1)], regimes.is_of(regime, *regimes.VIBRATING)
     both, periodic = vibrates[:, 1] != vibrates[:, 0], regimes.is_of(regime, "periodic")[:, 0]
@@ -192,7 +194,7 @@ def of_chain(
 
 
 def places_of(branch: CycleBranch, ends: Sequence[float]) -> Iterator[tuple[float, str, int]]:
-    """Places on a branch with the index of the cycle there, and why it ends within the range."""
+    """Special points of a branch, the index of the cycle at each, and why the branch ends in the range."""
     values, k = np.asarray(branch.values), 0
     for value, text in branch.places:
         across = np.flatnonzero((values[k + 1 :] - value) * (values[k:-1] - value) <= 0.0)
@@ -210,13 +212,13 @@ def value_of(scene: Scene, name: str) -> float:
 
 
 def spread(places: Any, count: int) -> list[int]:
-    """At most `count` of the places, evenly within them."""
+    """At most `count` of the indices, evenly selected."""
     shares = np.linspace(0.0, len(places) - 1.0, count + 2)[1:-1] if len(places) else ()
     return [*dict.fromkeys(int(places[round(share)]) for share in shares)]
 
 
 def side(cycle: LimitCycle, name: str, at: float, end: float, most: int) -> tuple[CycleBranch, list[Any]]:
-    """The branch to one side and what is kept of its cycles: parameter, frequency, RMS and largest multiplier."""
+    """One side of a branch: parameter, frequency, RMS and largest multiplier of its cycles."""
     branch = CycleBranch(name, np.array([at]), [cycle], [], name)
     if end != at:
         branch = fivcore.follow_cycle(cycle, name, end, most=most)
@@ -228,13 +230,13 @@ def side(cycle: LimitCycle, name: str, at: float, end: float, most: int) -> tupl
 
 
 def passes(branch: Any, value: float, stable: bool) -> bool:
-    """Whether a branch passes a value of the parameter, or with `stable` does so with a stable cycle."""
+    """Whether a branch passes a value of the parameter; with `stable`, whether it does so with a stable cycle."""
     across = (branch[1:, 0] - value) * (branch[:-1, 0] - value) <= 0.0
     return bool(np.any(across & (branch[1:, 3] < 1.0) if stable else across))
 
 
 def coords(most: int, edges: int) -> dict[str, Axis]:
-    """The dimensions of branches, of places and of onsets."""
+    """The dimensions of branches, their special points, and onsets."""
     checks.count("most", most, 1000)
     checks.count("edges", edges, 20)
     sizes = {"number": (edges + 1) * 2 * most, "place": PLACES, "onset": ONSETS}

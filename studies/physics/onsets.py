@@ -1,4 +1,4 @@
-"""Flutter onsets: branches over the inclination, how they move with the rig, and the first pair that locks in."""
+"""Flutter onsets: branches over the inclination, changes with the rig, and the first pair that locks in."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ MU_MAX, MU_STEP, INTERVAL, MOST_MU = 1.0, 2e-4, 0.2, 4.0
 def with_branches(dataset: xr.Dataset, rig: Any) -> xr.Dataset:
     """Add branches of onsets and recoveries over theta, unstable intervals at the paper's friction, and the bound.
 
-    Where branches or intervals cannot be separated there are none, and a `comment` gives the reason.
+    Where branches or intervals cannot be separated they are left out, and a `comment` gives the reason.
     """
     theta, mu, comment = dataset["theta"].values, dataset["mu"].values, ""
     curves = OnsetCurves((), (), theta, *np.empty((4, len(theta), 0)))
@@ -92,7 +92,7 @@ def with_branches(dataset: xr.Dataset, rig: Any) -> xr.Dataset:
 
 
 def branches(dim: str, curves: Any, mu: np.ndarray, frequency: np.ndarray) -> dict[str, Any]:
-    """Branches at the grid's angles, where each is lowest, and how it begins and ends."""
+    """Branches at the angles of the grid, the minimum of each, and the kinds of its ends."""
     kind, text = BRANCHES[dim]
     added: dict[str, Any] = {
         f"pair_{kind}_mu": (("theta", dim), mu, "1", f"coefficient of friction at {text}"),
@@ -109,9 +109,9 @@ def branches(dim: str, curves: Any, mu: np.ndarray, frequency: np.ndarray) -> di
 
 @lru_cache(maxsize=8)
 def pairs_at(rig: Any, theta: float, start: float, mu_max: float) -> tuple[OnsetSensitivity, np.ndarray]:
-    """All onsets at `theta`, and the place of each pair among them, which `start` numbers; -1 for none.
+    """All onsets at `theta`, and the index of each pair, numbered by `start`, among them; -1 for no onset.
 
-    Pairs of a structure are its first onsets.
+    The pairs of a structure are its first onsets.
     """
     if not isinstance(rig, Rig):
         onsets = fivcore.onset_sensitivity(rig, theta, BAND, mu_max)
@@ -142,9 +142,9 @@ def sensitivities(rig: Rig, theta: Any, parameter: Any, pairs_theta: float, mu_m
 
 
 def changed(rig: Any, theta: float, name: str, onsets: OnsetSensitivity, mu_max: float) -> tuple[Any, Any]:
-    """Friction and frequency of the onsets when a parameter is 1 % larger.
+    """Friction and frequency of the onsets after a parameter has grown by 1 %.
 
-    NaN where no onset is within SAME of the frequency that the derivative predicts, or where no such rig exists.
+    NaN where no onset lies within SAME of the frequency that the derivative predicts, or where no such rig exists.
     """
     mu, frequency = np.full((2, len(onsets.mu)), np.nan)
     with suppress(InputError):
@@ -158,7 +158,7 @@ def changed(rig: Any, theta: float, name: str, onsets: OnsetSensitivity, mu_max:
 
 
 def larger(rig: Any, theta: float, name: str) -> tuple[Any, float]:
-    """The rig and the inclination with one parameter 1 % larger; a direction turned by as much of a radian."""
+    """The rig and the inclination after one parameter has grown by 1 %; a direction is turned by 0.01 rad."""
     if not isinstance(rig, Rig):
         if name == "direction":
             n, t, c, s = rig.normal, rig.tangential, np.cos(STEP), np.sin(STEP)
@@ -172,7 +172,7 @@ def larger(rig: Any, theta: float, name: str) -> tuple[Any, float]:
 
 
 def pair(rig: Rig, theta: float, mu: np.ndarray) -> dict[str, np.ndarray]:
-    """Frequency and growth rate of the two modes that lock in first; NaN where they have left the band."""
+    """Frequency and growth rate of the two modes that lock in first; NaN where they are above the band."""
     followed = path(rig, theta, int(np.ceil(mu.max() / INTERVAL)))
     modes = sliding_modes(rig, theta, mu, BAND)
     frequency, growth = np.full((2, len(mu), 2), np.nan)
@@ -193,7 +193,7 @@ def lock_in(rig: Rig, theta: float) -> tuple[float, float, np.ndarray]:
 
 @lru_cache(maxsize=8)
 def path(rig: Rig, theta: float, intervals: int) -> np.ndarray:
-    """The pair's eigenvalues lambda at multiples of MU_STEP, (mu, 2), over so many intervals or to its onset."""
+    """Eigenvalues lambda of the pair at multiples of MU_STEP, (mu, 2), over some intervals or to its onset."""
     onset, _, near = lock_in(rig, theta)
     mu = MU_STEP * np.arange(round(max(intervals, np.ceil(onset / INTERVAL)) * INTERVAL / MU_STEP) + 1)
     modes, start = sliding_modes(rig, theta, mu, BAND), int(np.abs(mu - onset).argmin())
@@ -208,7 +208,7 @@ def path(rig: Rig, theta: float, intervals: int) -> np.ndarray:
 
 
 def closest_two(modes: SlidingModes, m: int, near: np.ndarray) -> np.ndarray:
-    """The two modes at the m-th mu nearest to `near`; the lower, or of a conjugate pair the decaying first."""
+    """The two modes at the m-th mu nearest to `near`, lower one first; of a conjugate pair the decaying one."""
     coupled = np.nonzero(~modes.uncoupled[m] & np.isfinite(modes.frequency[m]))[0]
     values = modes.eigenvalue[m, coupled]
     cost = np.abs(values[:, None] - near[0]) + np.abs(values - near[1])

@@ -1,4 +1,4 @@
-"""The contact through a run: samples at given times, peaks by intervals, periods and their four phases."""
+"""The contact in a run: samples at given times, peaks of intervals, periods and their four phases."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ START = {
 
 
 def check(window: float, window_start: float, overview: float, sample_rate: float) -> None:
-    """Refuse what cannot be recorded."""
+    """Refuse parameters with which nothing can be recorded."""
     most = MOST_SAMPLES / RECORDED
     checks.between("window", window, 1e-5, 0.1, "s")
     checks.between("window_start", window_start, 0.0, most - window, "s")
@@ -88,7 +88,7 @@ def within(motion: Transient, times: Array) -> dict[str, Any]:
 
 
 def interval_peaks(motion: Transient, overview: float) -> dict[str, Any]:
-    """The largest force and speed in every interval of the overview."""
+    """The largest force and speed in each interval of the overview."""
     edges = np.searchsorted(motion.time, INTERVAL * np.arange(int(overview / INTERVAL * (1.0 + 1e-12))))
     # With a very low cut-off a step is longer than an interval.
     edges = np.minimum(edges, len(motion.time) - 1)
@@ -98,7 +98,7 @@ def interval_peaks(motion: Transient, overview: float) -> dict[str, Any]:
 
 
 def start_peaks(motion: Transient) -> dict[str, Any]:
-    """The largest force and speed soon after the first slip; NaN unless the run covers all of that time."""
+    """The largest force and speed soon after the first slip; NaN unless the run covers that time."""
     first = motion.summary["first_slip_time"]
     if not first + START_UP <= motion.time[-1]:
         return dict.fromkeys(START, np.nan)
@@ -108,10 +108,10 @@ def start_peaks(motion: Transient) -> dict[str, Any]:
 
 
 def periods(point: xr.Dataset) -> tuple[int, int, int]:
-    """Indices of the shown part of the window: its begin and end, two periods from a stick on; the first's end.
+    """Indices in the window: begin and end of the two periods shown, from a stick on, and end of the first.
 
-    Periods differ. Of those with all four phases, if there are any, the first is the one that moves P1 on most
-    nearly by what P2 does in a period.
+    Periods differ. Of those with all four phases, if there are any, the first is the one in which the displacement
+    of P1 is closest to that of P2.
     """
     elapsed, frequency, state = point["elapsed"].values, float(point["dominant_frequency"]), point["state"].values
     period = round(1.0 / (frequency * (elapsed[1] - elapsed[0]))) if np.isfinite(frequency) else len(elapsed)
@@ -129,7 +129,7 @@ def periods(point: xr.Dataset) -> tuple[int, int, int]:
 
 
 def main_phases(state: Array) -> dict[int, tuple[int, int]]:
-    """The paper's four phases of a period: stick, slip, separation, slip; the longest run of each in its place."""
+    """The paper's four phases of a period (stick, slip, separation, slip): the longest run of each."""
 
     def longest(code: int, begin: int, end: int) -> tuple[int, int] | None:
         runs = [(a + begin, b + begin) for a, b in runs_of_true(state[begin:end] == code)]

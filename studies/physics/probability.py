@@ -32,7 +32,7 @@ OUTPUTS = {
 def probabilities(
     rig: Rig, theta: Any, mu: Any, samples: int, sobol_samples: int, seed: int, distributions: Mapping[str, str]
 ) -> dict[str, Any]:
-    """The outputs at each inclination, of the same rigs; the indices of a certain parameter are 0."""
+    """The outputs at each inclination, for the same rigs; the indices of a certain parameter are 0."""
     texts = distributions or uncertainty.usual(rig_numbers(rig))
     draws, uncertain = uncertainty.draws(texts, samples, seed), uncertainty.distributions(texts)
     places, rows = [list(USUAL).index(name) for name in uncertain], []
@@ -47,7 +47,7 @@ def probabilities(
 
 
 def _lowest(rig: Rig, theta: float, numbers: Mapping[str, Any]) -> np.ndarray:
-    """The lowest onset of many rigs; MU_MAX where they have none."""
+    """The lowest onset of many rigs; MU_MAX for those without one."""
     return uncertainty.lowest(uncertainty.onsets(rig, {"theta": theta, **numbers}), MU_MAX)[0]
 
 

@@ -1,4 +1,4 @@
-"""Quantities of maps: what is computed at any points, by what it takes."""
+"""Quantities of maps, sorted by the arguments from which they are computed."""
 
 from __future__ import annotations
 
@@ -54,12 +54,12 @@ PROBABILITY |= {f"{name}_se": ("1", f"standard error of the {text}") for name, (
 
 
 def growth(rig: Rig, theta: Any, mu: Any, **sliding: Any) -> dict[str, Any]:
-    """The least stable mode of steady sliding, and the number of unstable ones."""
+    """Growth rate and frequency of the least stable mode of steady sliding, and the number of unstable modes."""
     return dict(zip(GROWTH, map(np.atleast_1d, growths(rig, theta, mu, **sliding)), strict=True))
 
 
 def onset(rig: Rig, theta: Any, **sliding: Any) -> dict[str, Any]:
-    """The lowest onset of flutter, the lowest recovery, and divergence; NaN without one."""
+    """The lowest onset of flutter, the lowest recovery, and divergence; NaN if there is none."""
     columns, found = np.broadcast_arrays(np.atleast_1d(theta), *(sliding[name] for name in SLIDING)), []
     for angle, V, F, *law in zip(*(column.tolist() for column in columns), strict=True):
         crossings = flutter_onsets(rig, angle, run.BAND, MU_MAX, friction=Friction(*law), V=V, F=F)
@@ -69,7 +69,7 @@ def onset(rig: Rig, theta: Any, **sliding: Any) -> dict[str, Any]:
 
 
 def contact_limit(rig: Rig, theta: Any, **options: Any) -> dict[str, Any]:
-    """The friction from which on the contact force is not unique; NaN where it always is."""
+    """The friction above which the contact force is not unique; NaN if it always is."""
     found = [painleve_mu(rig, angle, run.METHOD, **options) for angle in np.ravel(theta).tolist()]
     return {"painleve_mu": np.where(np.isfinite(found), found, np.nan)}
 
@@ -97,7 +97,7 @@ def chaos(scenes: Sequence[Scene], duration: float, **how: Any) -> dict[str, Any
 
 
 def cycles(scenes: Sequence[Scene], duration: float | None, **how: Any) -> dict[str, Any]:
-    """The limit cycle near which the motion of each scene is; NaN, and why, where none is found."""
+    """The limit cycle near the motion of each scene; NaN if none is found."""
 
     def values(scene: Scene) -> dict[str, Any]:
         try:

@@ -1,4 +1,4 @@
-"""Shares of the starts, drawn at random or in a plane, that lead to each motion."""
+"""Fractions of the starts, drawn at random or on a plane, that lead to each motion."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ OUTPUTS = {
 def box(starts_are: str, most: int, seed: int, values: dict[str, Any]) -> NDArray[np.float64]:
     """The starts, (draws, coordinates), from the values of each coordinate.
 
-    A plane has all their combinations, the last varying fastest; draws are uniform between the least and the
-    greatest, each time the same.
+    On a plane these are all combinations, the last coordinate varying fastest. Random starts are uniform between
+    the least and the greatest value, the same in each call.
     """
     if starts_are == "plane":
         return np.stack([each.ravel() for each in np.meshgrid(*values.values(), indexing="ij")], axis=1)
@@ -54,7 +54,7 @@ def motions(
     scenes: Sequence[Scene], about: str, starts_are: str, most: int, width: float, seed: int,
     mode: int, second_mode: int, largest_knock: float, resolution: float, **options: Any,
 ) -> dict[str, Any]:  # fmt: skip
-    """Label of each start, and shares, for each scene."""
+    """The motion to which each start leads, and the fraction of each motion, for each scene."""
     places = box(starts_are, most, seed, {name: options.pop(name) for name in COORDINATES})
     moved = [name for name, column in zip(COORDINATES, places.T, strict=True) if column.any()]
     random = starts_are == "draws"
@@ -92,7 +92,7 @@ def coords(
     starts_are: str, most: int, displacement: Any, velocity: Any, second_displacement: Any, second_velocity: Any,
     velocity_C: Any, knock: Any,
 ) -> dict[str, Axis]:  # fmt: skip
-    """The starts from 1 on, and the motions."""
+    """The starts, numbered from 1, and the motions."""
     values = (displacement, velocity, second_displacement, second_velocity, velocity_C, knock)
     count = int(np.prod([len(each) for each in values])) if starts_are == "plane" else most
     checks.count("most" if starts_are == "draws" else "starts of the plane", count, 1_000_000)
@@ -103,6 +103,6 @@ def coords(
 
 
 def check(width: Any, **others: Any) -> None:
-    """Refuse what cannot be computed."""
+    """Refuse parameters with which no start can be simulated."""
     checks.between("width", width, 1e-3, 1.0, "1")
     knock.check(**{name: others[name] for name in ("V", "F", *knock.PARAMETERS)})

@@ -1,4 +1,4 @@
-"""The paper's statements on motion as rules, the scenes that they are of, and which hold for a rig."""
+"""The paper's statements on motion as rules, the scenes that they concern, and their truth for a rig."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _is(scene: str, *kinds: str) -> Rule:
 
 
 def _near(scene: str, other: str, name: str, value: float, within: float) -> Rule:
-    """A quantity of a scene, over that of another if one is named, lies within a share of a value."""
+    """A quantity of a scene, or its ratio to that of another scene, lies within a relative distance of a value."""
 
     def rule(of: Motions) -> Any:
         found = of[scene][name] / (of[other][name] if other else 1.0)
@@ -55,7 +55,7 @@ def _reaches(scene: str, name: str, value: float) -> Rule:
 
 
 def _shorter(scene: str) -> Rule:
-    """A scene vibrates, and the lasting sticks of 2 mm/s are shorter in it, or there are none."""
+    """A scene vibrates without long sticks, or with shorter ones than at 2 mm/s."""
 
     def rule(of: Motions) -> Any:
         shorter = of[scene]["mean_stick_time"] < of["2 mm/s"]["mean_stick_time"]
@@ -113,7 +113,7 @@ OUTPUTS = {
 
 
 def statements(rig: Rig, duration: float, members: int, **options: Any) -> dict[str, Any]:
-    """Which statements hold for a rig, what its scenes are like, and its onsets."""
+    """Truth of each statement for a rig, statistics of its scenes, and its onsets."""
     ramps = [options["ramp"] * (1.0 + ensemble.STRETCH * k) for k in range(members)]
     point = {name: parameter.default for name, parameter in SCENE.items()}
     jobs = [
@@ -140,21 +140,21 @@ def statements(rig: Rig, duration: float, members: int, **options: Any) -> dict[
 
 
 def most(dataset: xr.Dataset) -> xr.DataArray:
-    """Points at which as many statements hold as anywhere."""
+    """Mark the points at which the largest number of statements holds."""
     held: xr.DataArray = dataset["held"].where(dataset["status"] == DONE)
     return held == held.max()
 
 
 def holding(dataset: xr.Dataset) -> xr.DataArray:
-    """Share of the points at which each statement holds."""
+    """Fraction of the points at which each statement holds."""
     share: xr.DataArray = (dataset["truth"] > 0.5).where(dataset["status"] == DONE).mean(["d1", "d2"])
     return share
 
 
 def identified(dataset: xr.Dataset) -> dict[str, float]:
-    """The damping by one rule: d1 as printed; of d2, where most statements hold there.
+    """The identified damping: the printed d1, and the d2 at which most statements hold for it.
 
-    Where that are several d2, the one at which the statements hold in most realisations; then the smallest.
+    Of several such d2 it is the one at which the statements hold in most realisations; then the smallest.
     """
     column = dataset.sel(d1=RIG["d1"].default, method="nearest").transpose("d2", ...)
     held = column["held"] + column["truth"].sum("statement") / (1.0 + column.sizes["statement"])

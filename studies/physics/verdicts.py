@@ -1,4 +1,4 @@
-"""The motion of a result's points beside what linear stability of steady sliding predicts."""
+"""The motion at the points of a result beside the prediction by linear stability of steady sliding."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ E_FOLDS, JUDGED = 10.0, 0.75
 
 
 def with_verdicts(dataset: xr.Dataset) -> xr.Dataset:
-    """Add how the motion of each point compares with linear stability."""
+    """Add the comparison of the motion of each point with linear stability."""
     about, codes = {"long_name": "motion against linear stability of steady sliding"}, compare_linear(dataset)
     stored = {"dtype": "int8", "_FillValue": np.int8(np.iinfo(np.int8).min)}
     verdict = xr.Variable(dataset["regime"].dims, codes, about, stored)
@@ -39,10 +39,10 @@ def with_verdicts(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def compare_linear(dataset: xr.Dataset) -> NDArray[np.float32]:
-    """The index in VERDICTS of each point; NaN where it is pending. The first that holds counts.
+    """The index in VERDICTS of each point, the first that applies; NaN where the point is pending.
 
-    Motion and stability that differ are not compared where the run is too short for a mode that decays or grows so
-    slowly, nor where the contact sticks, so that there is no steady sliding.
+    A difference does not count where the run is too short for so small a growth rate, nor where the contact
+    sticks, so that there is no steady sliding.
     """
     kinds = regimes.kinds(dataset)
     vibrates, steady = regimes.is_of(kinds, *regimes.VIBRATING), regimes.is_of(kinds, regimes.STEADY)
@@ -63,6 +63,6 @@ def compare_linear(dataset: xr.Dataset) -> NDArray[np.float32]:
 
 
 def uncertain(dataset: xr.Dataset) -> NDArray[np.bool_]:
-    """Points whose realisations are in different regimes, too few in one to be sure of it."""
+    """Mark points whose realisations are in different regimes, none of them frequent enough to be certain."""
     differ = dataset["regime_share"].max("kind").values < 1.0
     return np.asarray(differ & (dataset["regime_certainty"].values < CERTAIN))

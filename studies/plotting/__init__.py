@@ -1,1 +1,1 @@
-"""Layout, colours and axes that all figures share."""
+"""Layout, colours and axes that figures share."""

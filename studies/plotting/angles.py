@@ -1,4 +1,4 @@
-"""Over an angle: unstable intervals, regimes of realisations beside the paper's text, points and the paper's."""
+"""Figures over the inclination: unstable intervals, regimes of realisations, and the paper's points and text."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STYLES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (1.3, 1.3)), (0, (6, 1.5, 1.3
 
 
 def points(axes: figures.Axes, array: xr.DataArray, label: str, **look: Any) -> None:
-    """Markers over the inclination, with an entry in the legend if any value is finite."""
+    """Markers over the inclination, with a label in the legend if a value is finite."""
     x, y = xr.broadcast(array["theta"], array)
     options: dict[str, Any] = {"linestyle": "", "marker": "o", "color": figures.BLACK, "markersize": 3.0} | look
     figures.curve(axes, np.ravel(x), np.ravel(y), label=label, **options)
@@ -40,7 +40,7 @@ def bands(frequencies: Any) -> list[tuple[float, float]]:
 
 
 def paper_frequencies(axes: figures.Axes, theta: Any) -> None:
-    """The frequencies of the paper's text, in kHz."""
+    """The frequencies in the paper's text, in kHz."""
     look: dict[str, Any] = {"markerfacecolor": "none", "color": figures.RED, "zorder": 4.0}
     # Each within the one before, for many lie on one spot.
     for (text, (of, marker)), size in zip(PAPER.items(), (10.0, 4.5, 7.0), strict=True):
@@ -50,7 +50,7 @@ def paper_frequencies(axes: figures.Axes, theta: Any) -> None:
 
 
 def regime_strips(axes: figures.Axes, dataset: xr.Dataset, papers: bool) -> None:
-    """Shares of the regimes among realisations, above them the unstable intervals, below the paper's text."""
+    """Fractions of the regimes among realisations, with unstable intervals above and the paper's text below."""
     theta = dataset["theta"].values
     ends, kinds = spec.edges(theta), regimes.kinds(dataset)[:, None]
     codes = np.where(kinds < planes.FAILED, dataset["member_regime"].values, kinds).astype(int)
@@ -81,7 +81,7 @@ def regime_strips(axes: figures.Axes, dataset: xr.Dataset, papers: bool) -> None
 
 
 def onset_branches(axes: figures.Axes, dataset: xr.Dataset) -> None:
-    """Each branch of onsets, and of recoveries, to its ends."""
+    """Branches of onsets and of recoveries, up to their ends."""
     from matplotlib.patheffects import withStroke
 
     number, count = dataset["trace_branch"].values, 0
@@ -95,7 +95,7 @@ def onset_branches(axes: figures.Axes, dataset: xr.Dataset) -> None:
 
 
 def paper_plane(axes: figures.Axes) -> None:
-    """The paper's onsets, and at its friction where the rig vibrates and where it slides steadily."""
+    """The paper's onsets, and the inclinations at its friction at which the rig vibrates or slides steadily."""
     slides = [(theta, paper.MU) for theta, frequency in paper.ANGLES.items() if np.isnan(frequency)]
     planes.marks(axes, [(paper.THETA, mu) for mu, _ in paper.ONSETS], **planes.PAPER["first unstable μ"])
     planes.marks(

@@ -1,4 +1,4 @@
-"""Two rigs over friction on one axis: frequencies, growth rates and onsets, a colour for each rig."""
+"""Figure of two rigs over friction: frequencies, growth rates and onsets, with a colour for each rig."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who sticks, slips and is open, over time and along the contacts of a structure with several."""
+"""Figure of the state of several contacts, over time and along the contacts."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ WIDE, CLOSE, NUMBERED = 1500, 300, 12
 
 
 def draw(dataset: xr.Dataset) -> Figure:
-    """The recorded `contact_state` of the first point that is done, all of it and its end, and shares of time.
+    """Draw the recorded `contact_state` of the first computed point, whole and at its end, and fractions of time.
 
-    Where a column has many samples its colour is the mean of theirs, so that no switch is lost.
+    The colour of a pixel column is the mean over its samples, so that short states remain visible.
     """
     from matplotlib.colors import to_rgb
     from matplotlib.ticker import MaxNLocator
@@ -50,10 +50,10 @@ def draw(dataset: xr.Dataset) -> Figure:
         share = point[f"contact_{name}_fraction"].values
         shares.barh(np.arange(len(state)), share, left=left, color=colour, edgecolor=figures.GREY, label=name)
         left = left + share
-    shares.set(xlabel="share of time", xlim=(0.0, 1.0))
+    shares.set(xlabel="fraction of time", xlim=(0.0, 1.0))
     whole.set(ylabel="contact", ylim=(-0.5, len(state) - 0.5))
     whole.yaxis.set_major_locator(MaxNLocator(NUMBERED, integer=True))
-    figures.entitle((whole, close, shares), ("all of the run", "its end", "shares of time"))
+    figures.entitle((whole, close, shares), ("all of the run", "its end", "fractions of time"))
     figures.legend_below(figure, [shares])
     place = ", ".join(labels.named(str(dim), point[dim]) for dim in status.dims)
     more = f"; one of {status.size} points" if status.size > 1 else ""

@@ -1,6 +1,6 @@
-"""How every figure of the project looks: sizes, lines, and colours that colour blindness leaves apart.
+"""Style of all figures: sizes, lines, and colours that colour-blind readers can tell apart.
 
-Matplotlib is imported when something is drawn: workers and `fiv --help` never need it.
+Matplotlib is imported on the first drawing: workers and `fiv --help` never need it.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def style(
 
 
 def _typeface(font: str) -> dict[str, Any]:
-    """Settings of a font; letters that it lacks come from DejaVu Sans."""
+    """Settings of a font; glyphs that it lacks come from DejaVu Sans."""
     from matplotlib import font_manager
 
     try:
@@ -135,19 +135,19 @@ def _typeface(font: str) -> dict[str, Any]:
 
 
 def is_wide() -> bool:
-    """Whether panels have room side by side."""
+    """Whether panels fit side by side."""
     return width_cm() >= 0.1 * WIDE
 
 
 def width_cm() -> float:
-    """The width that figures have in the style in use, cm."""
+    """The width of figures in the current style, cm."""
     from matplotlib import rcParams
 
     return 2.54 * float(rcParams["figure.figsize"][0])
 
 
 def look_digest() -> str:
-    """What the style in use changes of the project's own; "" if nothing."""
+    """Digest of the differences between the current style and the project's; "" if there are none."""
     from matplotlib import rcParams, rcParamsDefault
 
     plain = {**rcParamsDefault, **STYLE, **FONTS}
@@ -156,7 +156,7 @@ def look_digest() -> str:
 
 
 def data_digest(dataset: xr.Dataset) -> str:
-    """SHA-256 of all values of a result and of its configuration, but for the times that its points took."""
+    """SHA-256 of all values of a result and of its configuration, without computing times."""
     digest = sha256(str(dataset.attrs.get("configuration")).encode())
     for name in sorted(map(str, set(dataset.variables) - {"wall_time"})):
         variable = dataset[name].variable
@@ -171,7 +171,7 @@ def data_digest(dataset: xr.Dataset) -> str:
 
 
 def saved(figure: Figure, form: str, digest: str) -> bytes:
-    """A figure as a file of this format, with the digest of the data that it shows among its metadata."""
+    """A figure as a file of this format, with the digest of its data in the metadata."""
     if figure.get_layout_engine() is not None:
         # It needs the ticks, which the first drawing chooses.
         figure.draw_without_rendering()
@@ -181,7 +181,7 @@ def saved(figure: Figure, form: str, digest: str) -> bytes:
 
 
 def is_drawn_from(image: bytes, digest: str) -> bool:
-    """Whether a PNG file that `saved` gave was drawn from the data with this digest."""
+    """Whether a PNG file written by `saved` was drawn from the data with this digest."""
     return f"tEXt{SOURCE['png']}\0{digest}".encode() in image
 
 
@@ -228,7 +228,7 @@ def _figure(height: float) -> Figure:
 
 
 def trace(axes: Axes, x: Any, y: Any, columns: int = 1500, **options: Any) -> None:
-    """A long series without loss of its peaks: its range in each of `columns`, or a line if it is short."""
+    """A long series with its peaks: its range in each of `columns`, or a line if it is short."""
     if len(x) <= 4 * columns:
         axes.plot(x, y, **{"linewidth": 0.8} | options)
         return
@@ -260,9 +260,9 @@ def envelope(x: Any, y: Any, columns: int) -> tuple[Array, Array, Array]:
 
 
 def one_two_five(*sides: Axis) -> None:
-    """Ticks of logarithmic axes at 1, 2 and 5 times a power of ten; over many decades at the powers alone.
+    """Ticks of logarithmic axes at 1, 2 and 5 times a power of ten; over many decades only at the powers.
 
-    Ticks that were chosen by hand stay.
+    Ticks that were set explicitly are kept.
     """
     from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullFormatter
 
@@ -440,7 +440,7 @@ def _legend(figure: Figure, width: float) -> Any:
 
 
 def _fit(figure: Figure, axes: Axes) -> bool:
-    """Break titles and labels that are longer than their side of a panel, thin out ticks that touch; if any."""
+    """Wrap titles and labels that are longer than their side of a panel, thin out ticks; whether any changed."""
     box, changed = axes.get_window_extent(), False
     sides = (axes.title, box.width), (axes._left_title, box.width), (axes.xaxis.label, box.width)  # type: ignore[attr-defined]
     for text, room in (*sides, (axes.yaxis.label, box.height)):
@@ -456,7 +456,7 @@ def _fit(figure: Figure, axes: Axes) -> bool:
 
 
 def _touch(side: Axis) -> bool:
-    """Whether labels of ticks lie on each other."""
+    """Whether tick labels overlap."""
     ticks = side._update_ticks() if side.get_visible() and side.axes.axison else []  # type: ignore[attr-defined]
     boxes = [
         text.get_window_extent().expanded(1.1, 1.0)
@@ -467,7 +467,7 @@ def _touch(side: Axis) -> bool:
 
 
 def _thin(side: Axis) -> bool:
-    """Leave fewer ticks; false where that is not possible."""
+    """Remove some ticks; return False if that is not possible."""
     from matplotlib.category import StrCategoryLocator
     from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullFormatter
 
@@ -486,15 +486,15 @@ def _thin(side: Axis) -> bool:
 
 
 def place(dataset: xr.Dataset, *names: str) -> str:
-    """Those parameters that have one value: "θ = 5, μ = 0.2"."""
+    """The parameters with a single value: "θ = 5, μ = 0.2"."""
     return ", ".join(labels.named(name, dataset[name]) for name in names
                      if name in dataset.coords and not dataset[name].ndim)  # fmt: skip
 
 
 def curve(axes: Axes, x: Any, y: Any, error: Any = None, ends: Any = None, **look: Any) -> None:
-    """A quantity along a parameter, with its errors, or the ends of its interval, where they are known.
+    """A quantity along a parameter, with its errors or the ends of its interval, where they are known.
 
-    Nothing without values, so that a legend names what is drawn.
+    Without finite values nothing is drawn, so that the legend names drawn curves only.
     """
     y = np.asarray(y, dtype=float)
     if np.isfinite(y).any():
@@ -504,7 +504,7 @@ def curve(axes: Axes, x: Any, y: Any, error: Any = None, ends: Any = None, **loo
 
 
 def distributions(axes: Axes, samples: Mapping[str, Any]) -> None:
-    """The fraction of each sample below a value."""
+    """Empirical distribution function of each sample."""
     for (label, values), colour, style in zip(samples.items(), COLOURS, ("-", "--", "-.", ":"), strict=False):
         axes.ecdf(values, color=colour, linestyle=style, label=label)
     axes.set_ylim(0.0, 1.02)
@@ -514,7 +514,7 @@ def distributions(axes: Axes, samples: Mapping[str, Any]) -> None:
 
 
 def spans(axes: Axes, intervals: Iterable[Any], label: str = "", **look: Any) -> None:
-    """Shade intervals of the parameter across; of an empty one nothing."""
+    """Shade intervals of the horizontal parameter."""
     for ends in intervals:
         if len(ends):
             options: dict[str, Any] = {
@@ -546,7 +546,7 @@ def _letter(figure: Figure) -> None:
 
 
 def legend_below(figure: Figure, panels: Sequence[Axes], columns: int = 4) -> None:
-    """One legend under the whole figure, each label once."""
+    """Draw one legend below the figure, with each label once."""
     entries: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):

@@ -1,4 +1,4 @@
-"""Figures of any result: quantities over one or two parameters, draws as scatter plots, and recorded series."""
+"""Figures of any result: quantities over one or two parameters, draws as scatter plots, recorded series."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ SERIES = ("velocity_B", "normal_force", "tangential_force", "slip_velocity")
 
 
 def draw(dataset: xr.Dataset, study: Study | None = None) -> figures.Figure:
-    """The quantities of a map, or the first ones of another result, over the parameters that vary."""
+    """Draw the quantities of a map, or the first quantities of another result, over the parameters that vary."""
     dims = [str(dim) for dim in dataset["status"].dims]
     if is_map := _is_map(dataset):
         names, x, y = arranged(dataset)
@@ -80,7 +80,7 @@ def draw(dataset: xr.Dataset, study: Study | None = None) -> figures.Figure:
 
 
 def most_across() -> int:
-    """How many panels stand side by side."""
+    """The largest number of panels side by side."""
     return 3 if figures.is_wide() else 2
 
 
@@ -89,7 +89,7 @@ def _is_map(dataset: xr.Dataset) -> bool:
 
 
 def arranged(dataset: xr.Dataset) -> tuple[list[str], str, str | None]:
-    """The requested quantities of a map, the parameter across, and that upwards."""
+    """The requested quantities of a map, its horizontal parameter, and its vertical one."""
     request, dims = configuration(dataset).get("request", {}), [str(dim) for dim in dataset["status"].dims]
     x = request["x"] if request.get("x") in dims else dims[0]
     names = [name for name in request.get("quantities", ()) if name in dataset]
@@ -157,7 +157,7 @@ def flags(array: xr.DataArray) -> tuple[list[int], list[str]] | None:
 def _draw_planes(
     done: xr.Dataset, names: Sequence[str], x: str, others: Sequence[str], title: str, limits: Mapping[str, float]
 ) -> figures.Figure:
-    """Planes of the two longest parameters, a row for each quantity, a column for values of a third."""
+    """Planes of the two longest parameters: a row for each quantity, a column for each value of a third."""
     y, *rest = others
     across = planes.subset(done.sizes[rest[0]], most_across()) if rest else [0]
     figure, panels = figures.panels(len(names), len(across), 7.0 if _is_map(done) else 5.5, stack=False)
@@ -173,7 +173,7 @@ def _draw_planes(
 
 
 def _draw_plane(axes: figures.Axes, at: xr.Dataset, name: str, x: str, y: str, threshold: float | None) -> None:
-    """A quantity over two parameters, its threshold between the cells, failed points, and the paper's."""
+    """A quantity over two parameters, its threshold along cell edges, failed points, and the paper's points."""
     values = labels.readable(at[name]).astype(float)
     if name == "regime":
         planes.classes(axes, at[KIND], x, y)
@@ -209,7 +209,7 @@ def _mark_paper(axes: figures.Axes, dataset: xr.Dataset, dims: Sequence[str]) ->
 
 
 def _draw_scatter(done: xr.Dataset, names: Sequence[str], title: str) -> figures.Figure:
-    """Each quantity over each parameter that is drawn or comes from a table."""
+    """Each quantity over each parameter that is random or comes from a table."""
     dims = done["status"].dims
     varied = [
         str(n) for n, c in done.coords.items() if c.dims == dims[:1] and n not in PATHS and c.dtype.kind in "if"
@@ -234,7 +234,7 @@ def series_of(dataset: xr.Dataset) -> list[str]:
 
 
 def draw_series(dataset: xr.Dataset, names: Sequence[str]) -> figures.Figure:
-    """For points and series: all of it, ten periods, and its power spectral density."""
+    """Whole series, ten periods of it, and its power spectral density, for each point and series."""
     points = dataset.stack(point=[dim for dim in dataset[names[0]].dims if dim != "elapsed"])
     rows_shown = MOST_SERIES if figures.is_wide() else MOST_SERIES // 2
     most = max(1, rows_shown // len(names))

@@ -1,4 +1,4 @@
-"""Modes over a parameter, those that grow in colour: of `fivcore.assembled_modes` and `fivcore.modes_along`."""
+"""Figures of modes over friction; `modes_figure` draws results of `fivcore.assembled_modes`."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def draw_result(top: Axes, bottom: Axes, dataset: xr.Dataset) -> None:
 def draw_branches(
     top: Axes, bottom: Axes, mu: Any, frequency: Any, growth: Any, unit: float = 1.0, marker: str | None = None
 ) -> None:
-    """Draw frequencies, in `unit` Hz, and growth rates over mu, those that grow in colour."""
+    """Draw frequencies, in `unit` Hz, and growth rates over mu, unstable modes in colour."""
     grows = growth > 0.0
     top.plot(mu, frequency / unit, marker=marker, **STABLE)
     top.plot(mu, np.where(grows, frequency / unit, np.nan), marker=marker, **UNSTABLE)
@@ -96,7 +96,7 @@ def draw_branches(
 
 
 def name_growing(axes: Axes, mu: float, hertz: Any, rates: Any) -> None:
-    """Write the frequency of each growing mode at the end of its branch, where there is room."""
+    """Write the frequency of each unstable mode at the end of its branch, if there is room."""
     pixels = 1.5 * figures.points("font.size") / 72.0 * axes.figure.dpi
     last, apart = np.inf, pixels / axes.get_window_extent().height * float(np.ptp(axes.get_ylim()))
     place: dict[str, Any] = {"xytext": (4, 0), "textcoords": "offset points", "va": "center"}
@@ -122,7 +122,7 @@ def mark_recoveries(axes: Axes, mu: Any, hertz: Any) -> None:
 
 
 def mark_divergence(panels: Iterable[Axes], mu: float) -> None:
-    """Mark where motion begins to grow without oscillation; nothing if `mu` is NaN."""
+    """Mark the friction at which motion begins to grow without oscillation; nothing if `mu` is NaN."""
     for k, axes in enumerate(panels if np.isfinite(mu) else ()):
         label = "" if k else f"divergence from μ = {mu:.4f}"
         axes.axvline(mu, color=figures.GREEN, linestyle="--", label=label or None)

@@ -1,4 +1,4 @@
-"""What moves: a mode, and the contact through a period; as frames, which the page, films and ParaView show."""
+"""Animations: a mode, or the contact through a period, as frames for the page, films and ParaView."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Moving:
 def oscillating(
     title: str, hertz: float, place: Array, shape: Array, lines: Sequence[tuple[str, Array]], **more: Any
 ) -> Moving:
-    """A mode of the complex `shape`, (nodes, 3), through a period."""
+    """A mode with the complex `shape`, (nodes, 3), through a period."""
     phases = np.exp(2j * np.pi * np.arange(FRAMES) / FRAMES)
     shape = shape / np.linalg.norm(np.abs(shape), axis=-1).max()
     scale = DRAWN * float(np.ptp(place, axis=0).max())
@@ -106,7 +106,7 @@ def _beams(beam: Array) -> list[tuple[str, Array]]:
 
 
 def sliding(own: Structure, modes: SlidingModes) -> Moving:
-    """Of a structure with positions, the sliding mode, at one mu, that grows fastest or decays slowest."""
+    """The sliding mode of a structure with positions that grows fastest, or decays slowest, at one mu."""
     shape = own.displacement(modes.shape)
     if not np.any(oscillates := modes.frequency > 0.0):
         raise InputError(f"mu = {modes.mu:g}: no mode below {modes.fmax:g} Hz oscillates; give another mu or fmax")
@@ -121,7 +121,7 @@ def sliding(own: Structure, modes: SlidingModes) -> Moving:
 
 
 def contact(dataset: xr.Dataset) -> Iterator[Moving]:
-    """The contact through two periods at each speed, and both beams on the limit cycle where there is one."""
+    """The contact through two periods at each speed, and both beams on the limit cycle if there is one."""
     for k in planes.subset(dataset.sizes["V"], COLUMNS):
         point = dataset.isel(V=k)
         if not np.isfinite(point["normal_force"].values).all():
@@ -152,7 +152,7 @@ def _forces(point: xr.Dataset, of: str = "") -> dict[str, Any]:
 
 
 def on_cycle(dataset: xr.Dataset, point: xr.Dataset) -> Moving:
-    """Both beams on the limit cycle: their response to the contact forces that the cycle has stored."""
+    """Both beams on the limit cycle: their response to its stored contact forces."""
     theta, hertz = float(point["theta"]), float(point["cycle_frequency"])
     rig: Any = with_numerical_damping(results.rig_of(dataset), "fast", str(point["numerical_damping"].values))
     N, every = point["cycle_normal_force"].values, slice(None, None, EVERY)
@@ -188,7 +188,7 @@ def beams_under(rig: Rig, theta: float, hertz: float, N: Array, T: Array) -> Arr
 
 
 def draw(moving: Moving) -> tuple[Figure, Callable[[int], None]]:
-    """A figure of what moves, and a function that draws a frame into it."""
+    """A figure of a moving structure, and a function that draws a frame into it."""
     from matplotlib.collections import LineCollection
 
     (still, *drawn), series, state = moving.drawn, moving.series, moving.state

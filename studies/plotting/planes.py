@@ -1,6 +1,6 @@
-"""How quantities and regimes over one or two parameters are drawn: cells of true extent, colours, markers.
+"""Quantities and regimes over one or two parameters: cells of true extent, colours, markers.
 
-Colours survive colour blindness and grey print: shades rise in lightness, classes alternate light and dark.
+Colours suit colour-blind readers and grey print: shades increase in lightness, classes alternate light and dark.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def set_side(axes: figures.Axes, side: str, array: xr.DataArray) -> NDArray[Any]
 
 
 def cells(axes: figures.Axes, array: xr.DataArray, x: str, y: str, **options: Any) -> Any:
-    """A number as lightness over two parameters, white where it is missing; what a colour bar is made from."""
+    """Draw a number over two parameters as lightness, white where it is missing; return it for a colour bar."""
     ends = set_side(axes, "x", array[x]), set_side(axes, "y", array[y])
     axes.grid(False)
     look: dict[str, Any] = {"cmap": "cividis", "rasterized": True} | options
@@ -83,10 +83,10 @@ def classes(axes: figures.Axes, codes: xr.DataArray, x: str, y: str) -> None:
 def numbers(
     axes: figures.Axes, array: xr.DataArray, x: str, y: str, label: str = "", stable: Any = None, **look: Any
 ) -> Any:
-    """A number over two parameters as lightness, with its colour bar; grey where it is `stable`.
+    """Draw a number over two parameters as lightness, with its colour bar; grey where it is `stable`.
 
-    Without a label there is no colour bar. Logarithmic: `norm="log"`, `vmin` and `vmax`. Returns what a colour bar
-    is made from.
+    Without a label there is no colour bar. `norm="log"`, `vmin` and `vmax` give a logarithmic scale. Returns the
+    mappable of the colour bar.
     """
     from matplotlib.colors import ListedColormap
 
@@ -101,7 +101,7 @@ def numbers(
 
 
 def outline(axes: figures.Axes, inside: xr.DataArray, x: str, y: str) -> bool:
-    """A line around some of the cells, along their sides; false where it has all of them or none."""
+    """Draw a line around some of the cells, along their sides; return False if all or none are chosen."""
     if not 0.0 < float(inside.mean()) < 1.0:
         return False
     # Twice the values at both ends of each cell.
@@ -120,7 +120,7 @@ def stack(
     base: float = 0.0,
     **look: Any,
 ) -> None:
-    """Shares by their names, one on the other from `base` up, over the cells with these `ends`."""
+    """Draw named fractions stacked from `base` upwards, over the cells with these `ends`."""
     below = np.full(len(ends) - 1, base)
     for (name, share), colour in zip(shares.items(), colours, strict=True):
         part = np.nan_to_num(share)
@@ -141,7 +141,7 @@ def hatch_failed(axes: figures.Axes, failed: xr.DataArray, x: str, y: str, **loo
 def over_others(
     data: Any, x: str, y: str, others: Sequence[str], title: str, draw: Callable[..., Any]
 ) -> figures.Figure:
-    """A plane, by `draw(axes, part, x, y)`, for each value of up to two others, across and down, or for some."""
+    """Draw a plane by `draw(axes, part, x, y)` for each value, or a selection, of up to two other parameters."""
     most = PANELS if figures.is_wide() else PANELS_NARROW
     across, down = (subset(data.sizes[name], count) for name, count in zip(others, most, strict=True))
     how: dict[str, Any] = {"stack": False, "sharex": True, "sharey": True}
@@ -165,7 +165,7 @@ def over_others(
 def along(
     axes: figures.Axes, x: Any, heights: NDArray[Any], codes: NDArray[Any], spread: Any = None, size: float = 5.0
 ) -> None:
-    """A quantity along one parameter, each point marked by its regime (an index in KINDS), or by a cross."""
+    """Draw a quantity along one parameter, with a marker for the regime (an index in KINDS) of each point."""
     axes.plot(x, heights, color=figures.GREY, linewidth=0.8, zorder=1.5)
     for code in np.unique(codes):
         chosen = codes == code
@@ -193,16 +193,16 @@ def mark_mixed(axes: figures.Axes, dataset: xr.Dataset, x: str, y: str) -> None:
 
 
 def places(chosen: xr.DataArray, x: str, y: str) -> list[tuple[float, float]]:
-    """The chosen points of a plane, in a reader's units."""
+    """The chosen points of a plane, in readers' units."""
     rows, columns = np.nonzero(chosen.transpose(y, x).values)
     xs, ys = (labels.readable(chosen[name]).values for name in (x, y))
     return list(zip(xs[columns], ys[rows], strict=True))
 
 
 def draw_mixed(axes: figures.Axes, dataset: xr.Dataset, x: str, name: str) -> None:
-    """Along one parameter mark the values of each motion where there are several, larger by its share.
+    """Along one parameter mark the values of each motion at points with several, larger for frequent ones.
 
-    A quantity that has none has its mean marked.
+    A quantity without values of each motion has its mean marked.
     """
     if not bool((apart := several(dataset)).any()):
         return
@@ -222,5 +222,5 @@ def subset(count: int, most: int) -> list[int]:
 
 
 def of_all(chosen: Sequence[Any], count: int, what: str = "") -> str:
-    """The addition to a title where a subset is drawn."""
+    """The part of a title that names the subset drawn."""
     return f" ({len(chosen)} of {count} {what}".rstrip() + ")" if len(chosen) < count else ""

@@ -1,4 +1,4 @@
-"""A structure's receptances at its contact, and how its least stable mode grows with friction."""
+"""Figure of a structure's receptances at its contact, and of its largest growth rate over friction."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def draw(
 ) -> Figure:
     """|h_NN|, |h_NT|, |h_TT| over frequency up to `fmax`, Hz, and the largest growth rate over friction.
 
-    Of several contacts the receptances are those of the one with the largest force under the load, N.
+    With several contacts the receptances are those of the contact with the largest force under the load, N.
     """
     figure, (left, right) = figures.panels(1, 2, 7.5)
     elastic = structure.frequency[(structure.frequency > 0.0) & (structure.frequency < fmax)]

@@ -1,4 +1,4 @@
-"""Regimes over parameters with all their marks: onsets, verdicts, motions apart, and the paper's points."""
+"""Regimes over parameters with their marks: onsets, verdicts, different motions, and the paper's points."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def draw_planes(dataset: xr.Dataset) -> figures.Figure:
 
 
 def arranged(dataset: xr.Dataset) -> tuple[str, str, list[str]]:
-    """The parameters across and up, and the others: V and mu, unless only another has several values."""
+    """The horizontal and vertical parameter, and the others; V and mu unless only another one varies."""
     order = ["V", "mu", *sorted(("theta", "F"), key=lambda name: -dataset.sizes[name])]
     first, second, *others = sorted(order, key=lambda name: dataset.sizes[name] == 1)
     # Friction goes up if it is one of both.
@@ -65,7 +65,7 @@ def arranged(dataset: xr.Dataset) -> tuple[str, str, list[str]]:
 
 
 def plane(axes: figures.Axes, point: xr.Dataset, x: str, y: str) -> None:
-    """The plane of regimes, and the marks of its cells that the result knows."""
+    """The plane of regimes, and the available marks of its cells."""
     planes.classes(axes, point["status"].copy(data=regimes.kinds(point)), x, y)
     _draw_onset(axes, point, x, y)
     # Below the others, which are smaller.
@@ -83,7 +83,7 @@ def plane(axes: figures.Axes, point: xr.Dataset, x: str, y: str) -> None:
 
 
 def _draw_onset(axes: figures.Axes, point: xr.Dataset, x: str, y: str) -> None:
-    """Draw where steady sliding loses its stability, if that is in the plane."""
+    """Draw the onset of instability of steady sliding, if it lies in the plane."""
     from matplotlib import patheffects
 
     onset = point.get("onset_mu", xr.DataArray(np.nan))
@@ -98,7 +98,7 @@ def _draw_onset(axes: figures.Axes, point: xr.Dataset, x: str, y: str) -> None:
 
 
 def _draw_plane(point: xr.Dataset, x: str, y: str, title: str) -> figures.Figure:
-    """A plane of regimes, and below it what the motion is like."""
+    """A plane of regimes, and planes of statistics of the motion below it."""
     figure, panels = figures.mosaic([["regime"] * len(QUANTITIES), list(QUANTITIES)], 7.0, 6.0)
     top = panels.pop("regime")
     plane(top, point, x, y)
@@ -124,13 +124,13 @@ def _draw_plane(point: xr.Dataset, x: str, y: str, title: str) -> figures.Figure
 
 
 def _quantity(point: xr.Dataset, name: str) -> xr.DataArray:
-    """A quantity in a reader's unit, NaN where the motion has no such thing."""
+    """A quantity in readers' units, NaN where the motion has no value of it."""
     array = labels.readable(point[name]).astype(float)
     return array.where(regimes.is_of(regimes.kinds(point), *regimes.VIBRATING)) if QUANTITIES[name] else array
 
 
 def _draw_along(point: xr.Dataset, x: str, title: str) -> figures.Figure:
-    """The same along one parameter: the spread of the realisations, marked by the regime."""
+    """Statistics along one parameter: the range of the realisations, marked by the regime."""
     figure, panels = figures.panels(len(QUANTITIES), 1, 4.5, sharex=True)
     values, codes = labels.readable(point[x]).values, regimes.kinds(point)
     for axes, name in zip(panels, QUANTITIES, strict=True):

@@ -1,4 +1,4 @@
-"""Signals: in time, as spectra, over the states of the contact, and in the phase plane."""
+"""Figures of signals: in time, as spectra, over the states of the contact, and in the phase plane."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ def series_panels(rows: int) -> tuple[figures.Figure, list[list[figures.Axes]]]:
 
 
 def name_sides(panels: Sequence[Sequence[figures.Axes]]) -> None:
-    """What stands across, below the last panel of each column."""
+    """The label of the horizontal axis below the last panel of each column."""
     for axes, text in zip(panels[-1], ("time / s", "time / ms", "frequency / kHz"), strict=True):
         axes.set_xlabel(text)
 
 
 def compare(panels: Sequence[Sequence[figures.Axes]], duration: float, depth: float) -> None:
-    """One scale for the velocities and one for the spectra of all rows, and their labels."""
+    """Set one scale for the velocities and one for the spectra of all rows, and their labels."""
     for left, _, right in panels[1:]:
         for axes, first in ((left, panels[0][0]), (right, panels[0][2])):
             axes.sharex(first)
@@ -73,7 +73,7 @@ def compare(panels: Sequence[Sequence[figures.Axes]], duration: float, depth: fl
 
 
 def periods(axes: figures.Axes, time: Any, values: Any, hertz: float, **look: Any) -> None:
-    """Ten periods of `hertz` of a series, where it moves most in its second half."""
+    """Ten periods of `hertz` of a series, at its largest motion in the second half."""
     step = time[1] - time[0]
     count = min(int(np.ceil(PERIODS / hertz / step)) if hertz > 0.0 else len(time), len(time) // 2)
     starts = np.arange(len(time) // 2, len(time) - count + 1, max(count // 2, 1))
@@ -91,7 +91,7 @@ def mark_lines(axes: figures.Axes, hertz: Iterable[float], style: str, text: str
 
 
 def mark_parts(axes: figures.Axes, time: Any, chosen: Any, label: str) -> None:
-    """A bar at the bottom along the chosen parts of a signal."""
+    """Draw a bar at the bottom along the chosen parts of a signal."""
     spans = [(time[begin], time[end - 1] - time[begin]) for begin, end in series.runs_of_true(chosen)]
     # Without snapping, which may hide what is narrower than a pixel.
     look: dict[str, Any] = {"snap": False, "color": figures.BLACK, "linewidth": 0.0, "label": label}
@@ -99,7 +99,7 @@ def mark_parts(axes: figures.Axes, time: Any, chosen: Any, label: str) -> None:
 
 
 def growth(axes: figures.Axes, point: xr.Dataset, colour: str) -> None:
-    """How far the velocity is from its mean since the first slip, and the slope of linear stability beside it."""
+    """Deviation of the velocity from its mean since the first slip, beside the slope of linear stability."""
     first, elapsed = float(point["first_slip_time"]), point["elapsed"].values
     since, velocity = (elapsed >= first) & (elapsed < first + SLOPE), point["velocity_B"].values.astype(float)
     time, distance = elapsed[since] - first, np.abs(velocity[since] - velocity[-len(elapsed) // 4 :].mean())
@@ -128,7 +128,7 @@ def shade_states(axes: figures.Axes, time: Any, state: Any) -> None:
 
 
 def draw_periods(times: Sequence[figures.Axes], plane: figures.Axes, point: xr.Dataset) -> None:
-    """Two periods in time over the states of the contact, and one in the phase plane; with the limit cycle."""
+    """Two periods in time over the states of the contact, and one in the phase plane, with the limit cycle."""
     first, last, one = phases.periods(point)
     window, shown = point.isel(elapsed=slice(first, last)), point.isel(elapsed=slice(first, one))
     time, names = 1e3 * (window["elapsed"] - window["elapsed"][0]).values, [*phases.SERIES][: len(times)]

@@ -1,1 +1,1 @@
-"""Rows of results: the language of expressions, what it selects, how rows are printed."""
+"""Queries of results: the language of expressions, selection of rows, and their output."""

@@ -55,18 +55,18 @@ class Accessor:
         return runner.draw(runner.study_of(self._dataset), self._dataset, title=title, **look)[""]
 
     def scene(self, **at: float | str) -> Scene:
-        """The scene where axes have the values `at`, or near ones: ``data.fiv.scene(V=2e-3)``."""
+        """The scene at the values `at` of axes, or at the nearest ones: ``data.fiv.scene(V=2e-3)``."""
         # A file without any parameter of friction is of friction that does not fall.
         law = FRICTION if not FRICTION.keys().isdisjoint(self._dataset.coords) else {}
         return scene_of(_numbers(self._dataset, [*SCENE, *RIG, *law], at))
 
     def rig(self, **at: float | str) -> Rig:
-        """The rig there."""
+        """The rig at these values."""
         return Rig.of(**_numbers(self._dataset, RIG, at))
 
 
 def _numbers(dataset: xr.Dataset, names: Collection[str], at: Mapping[str, float | str]) -> dict[str, Any]:
-    """Numbers of a point, which must all be in the file, and its word of friction."""
+    """Numbers of a point, which must all be in the file, and its law of friction."""
     axes = {str(name): array for name, array in dataset.coords.items() if array.dtype.kind in "iuf"}
     axes |= {name: dataset[name].astype(str) for name in FRICTION if name in dataset.coords and name not in axes}
     for name, number in at.items():
@@ -79,7 +79,7 @@ def _numbers(dataset: xr.Dataset, names: Collection[str], at: Mapping[str, float
         dataset = dataset.isel({dim: np.flatnonzero(dataset[name] == value) for dim in dataset[name].dims})
     for name in names:
         if name not in axes:
-            raise InputError(f"{name}: the file does not have it, so the point's scene is not known")
+            raise InputError(f"{name}: it is not in the file, so the scene of the point is unknown")
         if np.unique(dataset[name]).size != 1:
             raise InputError(f"{name}: give one of its values, like {name}={dataset[name].values.flat[0]}")
     return {name: np.unique(dataset[name])[0].item() for name in names}

@@ -1,4 +1,4 @@
-"""Two rigs beside each other, from their results: numbers, onsets, modes that grow, regimes."""
+"""Comparison of two rigs from their results: numbers, onsets, unstable modes, regimes."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def parts(own: Mapping[str, NamedRig], pair: Pair, motions: Mapping[str, Pair]) 
 
 
 def first(pair: Pair) -> str:
-    """Where each begins to squeal, in a sentence."""
+    """The onset of each rig, in a sentence."""
     texts = list[str]()
     for name, data in pair.items():
         last = float(data["mu"][-1])
@@ -123,7 +123,7 @@ def first(pair: Pair) -> str:
 
 
 def numbers(own: Mapping[str, NamedRig], pair: Pair) -> pd.DataFrame:
-    """The numbers by which the rigs differ, a structure as a whole."""
+    """The numbers in which the rigs differ; a structure counts as a whole."""
     rows = list[tuple[str, ...]]()
     if structures := {name: content for name, data in pair.items() if (content := structure_in(data))}:
         texts = {name: repr(Structure.from_dict(each)) for name, each in structures.items()}
@@ -140,7 +140,7 @@ def numbers(own: Mapping[str, NamedRig], pair: Pair) -> pd.DataFrame:
 
 
 def crossings(pair: Pair, kind: str) -> pd.DataFrame:
-    """Onsets or recoveries of each rig, ascending in mu, a row for the n-th of both."""
+    """Onsets or recoveries of each rig, ascending in mu; the n-th row has the n-th of both."""
     columns = {
         f"{name} {head}": pd.Series(data[f"{kind}_{which}"].values, dtype=float)
         for name, data in pair.items()
@@ -166,7 +166,7 @@ def growing(pair: Pair, mu: Mapping[str, float]) -> pd.DataFrame:
 
 
 def regimes(study: str, pair: Pair) -> Iterator[Any]:
-    """How many points of both have the same regime, and which regimes are where they differ."""
+    """The number of common points with equal regimes, and the regimes that differ."""
     found = [data[["regime", "status"]] for data in pair.values()]
     if all(data.sizes.get("theta") == 1 for data in found):
         found = [data.isel(theta=0, drop=True) for data in found]  # a number of each rig

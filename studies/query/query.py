@@ -1,7 +1,8 @@
-"""Rows of a result, which are its points: chosen, sorted, grouped, written.
+"""Rows of a result, one for each point: selection, order, groups, and output.
 
-A name on a further dimension (mode, member, elapsed) makes a row of each entry, but of one without a value only if
-the condition has nan. Named variables are read alone, and of these what conditions along one dimension leave.
+A column with a further dimension (mode, member, elapsed) makes a row of each of its values; missing values make
+none, unless the condition contains nan. Only the named variables are read, and of these only the part that
+conditions along one dimension select.
 """
 
 import ast
@@ -111,14 +112,14 @@ def _listed(names: Names, argument: str) -> list[str]:
 
 
 def _statistic(entry: str) -> tuple[str, str]:
-    """The function and the column of an entry like mean:V; count is the size of a column of zeros."""
+    """The function and the column of a statistic such as mean:V; count is the size of a column of zeros."""
     if match := STATISTIC.fullmatch("size:0" if entry == "count" else entry):
         return match[1], match[2]
     raise InputError(f"show = {entry!r}: with by it is count, or mean, std, min, max, median or share like mean:V")
 
 
 def _grouped(keys: pd.DataFrame, columns: pd.DataFrame) -> pd.DataFrame:
-    """Statistics of columns over the rows that agree in the keys."""
+    """Statistics of columns over the rows with equal keys."""
     table, aggregations = keys.copy(), dict[str, tuple[int, str]]()
     for label, values in columns.items():
         function, share = _statistic(str(label))[0], str(label).startswith("share")
@@ -163,7 +164,7 @@ class _Result:
         return f"did you mean {' or '.join(meant[:3])}?" if meant else f"it has {', '.join(arrays)}"
 
     def part(self, names: Sequence[str], whole: bool) -> xr.Dataset:
-        """Some columns along the dimensions of the rows, which are all of the points where these are `whole`."""
+        """Some columns along the dimensions of the rows, which are those of the points where these are `whole`."""
         further = [{*self.dataset[name].dims}.difference(self.points) for name in names]
         if further and set().union(*further) not in further:
             raise InputError(f"{', '.join(names)} run along different dimensions: query one after the other")
@@ -172,7 +173,7 @@ class _Result:
         return part.drop_vars({*part.coords}.difference(part.sizes, names))
 
     def usual(self, names: Sequence[str]) -> list[Any]:
-        """The columns by default: the axes, what has one value in each row, and what is named besides."""
+        """The default columns: the axes, variables with one value in each row, and variables named elsewhere."""
         dims, points = {*self.part(names, whole=True).sizes}, {*self.points}
         data = {n: a for n, a in self.dataset.items() if a.dtype.kind in "iufbOU" and not ASIDE.fullmatch(str(n))}
         wider = [{*array.dims} for array in data.values() if {*array.dims} >= dims]
@@ -184,7 +185,7 @@ class _Result:
         return [*dict.fromkeys([*axes, *(n for n in data if {*data[n].dims} == dims), *named, *status])]
 
     def rows(self, part: xr.Dataset, condition: Any) -> pd.DataFrame:
-        """Read the rows of a part, without those that fail a part of the condition along one dimension."""
+        """Read the rows of a part that meet the conditions along one dimension."""
         for conjunct in condition.values if isinstance(getattr(condition, "op", 0), ast.And) else [condition]:
             line = part[names_in(conjunct)]
             if len(line.sizes) == 1:
@@ -197,7 +198,7 @@ class _Result:
         return self.frame(part)
 
     def frame(self, part: xr.Dataset) -> pd.DataFrame:
-        """Read columns as a frame; words are categories."""
+        """Read columns as a frame, with words as categories."""
         part = part if part.sizes else part.reset_coords().expand_dims("")
         dims = sorted(part.sizes, key=lambda dim: [*self.points, dim].index(dim))
         frame = part.to_dataframe(dim_order=dims).reset_index()

@@ -1,8 +1,8 @@
-"""Expressions over columns: a small part of Python's, parsed by `ast` and evaluated node by node.
+"""Expressions over columns: a subset of Python's, parsed by `ast` and evaluated node by node.
 
-A node outside of the allow-list is refused, and nothing is executed (`DataFrame.query` would). A missing
-value makes comparisons false, != too; ``x == nan`` finds it, ``x != nan`` all others. Words may have spaces or
-underscores. Equality of an axis and a number finds the axis's nearest value (`studies.declaring.spec`).
+Nodes outside of the allow-list are refused, and nothing is executed (`DataFrame.query` would). Comparisons with a
+missing value are false, also !=; ``x == nan`` selects missing values, ``x != nan`` all others. Words may have
+spaces or underscores. == of an axis and a number selects the nearest value of the axis (`studies.declaring.spec`).
 """
 
 import ast
@@ -80,7 +80,7 @@ def names_in(*trees: ast.expr) -> list[str]:
 
 
 def kind(value: Any) -> str:
-    """Return the kind of a column or a value: NUMBER, TEXT or TRUTH."""
+    """The kind of a column or a value: NUMBER, TEXT or TRUTH."""
     dtype = value.dtype if isinstance(value, pd.Series) else np.asarray(value).dtype
     return {"b": TRUTH, "O": TEXT, "U": TEXT}.get(dtype.kind, NUMBER)
 

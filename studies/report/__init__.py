@@ -1,1 +1,1 @@
-"""One HTML page of every result."""
+"""Report: one HTML page of all results."""

@@ -51,13 +51,13 @@ def write(
 
 
 def names(targets: Sequence[str], out: str | Path | None) -> list[str]:
-    """The results that the page shows, by name or path."""
+    """The results on the page, by name or path."""
     names = [registry.resolve(each).name if results.is_script(each) else each for each in dict.fromkeys(targets)]
     return names or everything(results.results_folder(out))
 
 
 def version(file: Path) -> tuple[Any, ...]:
-    """A value that changes when a result does, or a run of it begins or ends."""
+    """A value that changes when a result changes, or when a run of it begins or ends."""
     return sweeps.Store(file).is_locked(), *sweeps.Store(file).version()
 
 
@@ -78,7 +78,7 @@ def everything(folder: Path) -> list[str]:
     own, order, reference = own_files(folder), registry.names(), results.reference_folder(folder)
     if not own:
         show = f"; show the reference with: fiv report --out {reference} --file report.html"
-        lacks = "has no result" if folder.is_dir() else "does not exist"
+        lacks = "has no results" if folder.is_dir() else "does not exist"
         (first,) = registry.names_for("first")
         begin = results.command("run", first, None if folder == Path("results") else folder)
         raise InputError(f"{folder}: the folder {lacks}; begin with: {begin}{show if reference.is_dir() else ''}")
@@ -112,7 +112,7 @@ def opened(
 
 
 def of_reference(sections: Sequence[Section]) -> str:
-    """A line that names the studies which are shown by the reference; "" if none is."""
+    """A sentence that names the studies shown from the reference; "" if there are none."""
     studies = [result for result, _ in sections if result.name in registry.names()]
     theirs = [result.name for result in studies if result.is_reference]
     own, from_project = {result.name for result in studies if not result.is_reference}, "the project's reference"
@@ -175,7 +175,7 @@ def datatables(kind: str) -> str:
 
 
 def symbols() -> pd.DataFrame:
-    """Every parameter of a scene and its rig, with the paper's value."""
+    """The parameters of a scene and its rig, with the paper's values."""
     rows = [
         (labels.SYMBOLS.get(name, name), p.text, labels.named(name, p.default, p.units).partition(" = ")[2])
         for name, p in KNOWN.items()

@@ -1,4 +1,4 @@
-"""A section of the page: what it says of one result, as plain data."""
+"""A section of the page: the content for one result, as plain data."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Result:
 
     @property
     def anchor(self) -> str:
-        """Its place in the page."""
+        """The identifier of the section in the page."""
         return re.sub(r"\W+", "-", str(self.file.with_suffix(""))).strip("-")
 
     @property
@@ -83,7 +83,7 @@ class Result:
 
     @property
     def stamp(self) -> str:
-        """When it was last computed: as its file says; of a run that is not complete, when files last changed."""
+        """Time of the last computation, from the file; for an unfinished run, of its last change of files."""
         if self.status.state == "complete":
             return str(self.dataset.attrs.get("history", "")).rpartition("\n")[2].partition(" ")[0]
         changed = max((each.st_mtime for each in self._files()), default=0.0)
@@ -95,7 +95,7 @@ class Result:
 
     @property
     def progress(self) -> str:
-        """How far a run is: "running, 3.2 min left"; "" of one that is complete."""
+        """The progress of a run: "running, 3.2 min left"; "" for a complete one."""
         state, left = self.status.state, self.status.run.get("left", np.nan)
         time = f", {sweeps.duration(left)} left" if left > 0.0 else ""
         return "" if state == "complete" else f"{state}{time}"
@@ -117,7 +117,7 @@ class Result:
 
     @property
     def again(self) -> str:
-        """The command that computes it: from its file if that can be, else as it was typed; "" if none was."""
+        """The command that computes the result: from its file if possible, else as it was typed; "" if unknown."""
         configured, own = results.configuration(self.dataset), self.study.name not in registry.names()
         # A file tells neither where the user's study is nor how a map is refined.
         if own and (typed := configured.get("request", {}).get("command")):
@@ -136,12 +136,12 @@ def date(stamp: str) -> str:
 
 
 def packed(text: str) -> str:
-    """A text as the page keeps it: compressed, in base64."""
+    """A text in the form that the page stores: compressed, in base64."""
     return b64encode(gzip.compress(text.encode(), mtime=0)).decode()
 
 
 def picture(png: bytes) -> str:
-    """A figure for the page in base64: as sharp, in 128 colours, of which eyes do not miss the others."""
+    """A figure for the page in base64, at full resolution with 128 colours."""
     from PIL import Image
 
     with Image.open(BytesIO(png)) as image:
@@ -150,7 +150,7 @@ def picture(png: bytes) -> str:
 
 
 def images(result: Result) -> list[bytes]:
-    """The figures of a result: those beside its file if this code drew them of its data, else drawn anew."""
+    """The figures of a result: those beside its file if they are up to date, else new ones."""
     beside = [result.file.with_name(f"{result.name}{each}.png") for each in ("", "-series")]
     found = [path.read_bytes() for path in beside if path.is_file()]
     digest = runner.picture_digest(result.study, result.dataset) if found else ""
@@ -169,7 +169,7 @@ def failure_text(problem: Exception) -> str:
 
 
 def content(result: Result, tell: Tell) -> dict[str, Any]:
-    """Figures, summary and points of a result; what its study cannot make is an entry of `problems`."""
+    """Figures, summary and points of a result; parts that cannot be made are listed in `problems`."""
     study, dataset = result.study, result.dataset
     made: dict[str, Any] = {"figures": [], "parts": [], "finding": "", "points": None, "problems": []}
     made |= {"facts": result.facts, "moving": []}
@@ -203,7 +203,7 @@ def content(result: Result, tell: Tell) -> dict[str, Any]:
 
 
 def played(moving: Moving) -> dict[str, Any]:
-    """What moves for the page: x and y, down, of the nodes in turn, in 1 / FINE of the larger extent."""
+    """Animations for the page: x and y (downwards) of the nodes in turn, in 1 / FINE of the larger extent."""
     drawn = moving.drawn * [1.0, -1.0]
     low = drawn.min(axis=(0, 1))
     drawn = np.rint((drawn - low) * (FINE / np.ptp(drawn, axis=(0, 1)).max())).astype(int)
@@ -298,7 +298,7 @@ def _column(array: xr.DataArray, dims: list[str], is_parameter: bool) -> dict[st
 
 
 def rerun_commands(study: Study, dataset: xr.Dataset, file: Path) -> tuple[str, str]:
-    """Command and Python that compute a point, without the parameters that vary; "" for a study without a name."""
+    """Command and Python that compute a point, without the parameters that vary; "" for an unknown study."""
     if not (study.name in registry.names() or (study.name.startswith(results.MAPS) and study.parameters)):
         return "", ""
     fixed, rig = settings(dataset), file if results.structure_in(dataset) else None

@@ -1,4 +1,4 @@
-"""The page while results are computed: written again when they change, and served to this machine alone."""
+"""The report during runs: written again after changes, and served to this machine only."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def watch(
         return [page.version(results.results_file(name, out)) for name in page.names(targets, out)]
 
     while not targets and not page.own_files(results.results_folder(out)):
-        once(f"{results.results_folder(out)} has no result yet; waiting for the first")
+        once(f"{results.results_folder(out)} has no results yet; waiting for the first")
         time.sleep(PAUSE)
     before, took = versions(), 0.0
     written = page.write(targets, out, file, once, known)

@@ -1,4 +1,4 @@
-"""Cases of the battery as data, by groups: the operating point with something driven to an edge."""
+"""Cases of the battery as data, in groups: an operating point with one argument at an extreme value."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RINGING, BLOW = 1e-6, 2e-6
 
 
 def _equilibrium(scene: Scene, force: float, gap: float = 0.0) -> tuple[ReducedModel, int, Any]:
-    """All modes, the rigid one, and rest under the load and a contact force (N), with a gap (m)."""
+    """All modes, the index of the rigid one, and the equilibrium under load and contact force, at a gap."""
     full = full_model(scene.rig, scene.drive_theta)
     elastic = full.stiffness > 0.0
     rigid = int(np.flatnonzero(~elastic)[0])
@@ -44,7 +44,7 @@ def _at_rest(
 
 
 def _struck(scene: Scene, _: Any, shape: str, n: int | None = None) -> Any:
-    """All modes as after a blow on both surfaces that gives them a relative speed of 10 m/s."""
+    """Velocities after a blow on both surfaces that gives them a relative speed of 10 m/s, in all modes."""
     full, _, q = _equilibrium(scene, scene.F)
     direction = getattr(full, shape)
     # A Gauss pulse: one without duration would put most of its energy into the mesh's fastest modes.
@@ -53,7 +53,10 @@ def _struck(scene: Scene, _: Any, shape: str, n: int | None = None) -> Any:
 
 
 def _tangent(scene: Scene, kept: Any, above: float) -> Any:
-    """P1 falling and ringing so that its first least gap is `above` times its amplitude; modes not kept rest."""
+    """A state in which P1 falls and rings so that its first smallest gap is `above` times the amplitude.
+
+    Modes that are not kept are at rest.
+    """
     full, rigid, q = _equilibrium(scene, 0.0)
     q = np.where(kept, q, 0.0)
     p1 = np.arange(len(q)) <= 3 * scene.rig.p1.elements
@@ -111,13 +114,13 @@ class Case:
 
 
 def _begun(name: str, task: str, build: Any = _at_rest, expected: str = PASSES, **values: Any) -> Case:
-    """A case that begins in a state; None: rest under the load."""
+    """A case with an initial state; None is rest under the load."""
     run, start = {"duration": 20e-3}, partial(build, **values)
     return Case(name, run=run, task=task, start=start, expected=expected, names="initial")
 
 
 def _numbers(number: str, name: str, *values: float, also: Any = None, **more: Any) -> list[Case]:
-    """A case for each value of a number of the scene, which its name contains."""
+    """Cases with each value of a number of the scene, which is part of their names and tasks."""
     return [Case(name.format(x), {**(also or {}), number: x}, names=number, **more) for x in values]
 
 
@@ -128,7 +131,7 @@ def _rig(name: str, rig: Rig, duration: float = 12e-3, **more: Any) -> Case:
 
 
 def _beams(word: str, number: str, factor: float, *beams: str) -> Case:
-    """A number of some beams multiplied; the contact stays at the same share of P2's length."""
+    """Multiply a number of some beams; the contact keeps its relative position on P2."""
     old = {beam: getattr(PAPERS, beam) for beam in beams}
     scaled = {beam: replace(part, **{number: factor * getattr(part, number)}) for beam, part in old.items()}
     position = scaled.get("p2", PAPERS.p2).length / PAPERS.p2.length * PAPERS.contact_position

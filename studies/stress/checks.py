@@ -1,4 +1,4 @@
-"""Runs under stress: what a case is for a method, its limits and refusals, and the checks of a run."""
+"""Runs of the battery: the call of a case by a method, its limits and refusals, and the checks of its result."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class RunSpec:
     arguments: Mapping[str, Any]  # V, theta, mu and F, and arguments of `simulate`: duration, ramp and others
 
     def changed(self, **values: Any) -> RunSpec:
-        """The same run with other arguments, or with a value at an edge."""
+        """The same run with other arguments, or with one value at an extreme."""
         arguments = {**self.arguments}
         for name, value in values.items():
             arguments[EDGES.get(name, name)] = value * arguments["F"] if name.endswith("V/F") else value
@@ -90,11 +90,11 @@ class RunSpec:
         return self.start and self.start(self.scene, self.model.kept)
 
     def chosen(self, *names: str) -> dict[str, Any]:
-        """Those of some arguments that are given."""
+        """The given ones of these arguments."""
         return {name: self.arguments[name] for name in names if name in self.arguments}
 
     def simulate(self, **more: Any) -> Transient:
-        """Simulate it, with some arguments changed."""
+        """Simulate the run, with some arguments changed."""
         options = {name: value for name, value in self.arguments.items() if name not in POINT}
         options = {"method": self.method, "initial": self.initial, **options, **more}
         (result,) = fivcore.simulate_many([self.scene], **options)
@@ -103,7 +103,7 @@ class RunSpec:
         return result
 
     def refusal(self, kind: type[Exception] = ValueError) -> str:
-        """The message with which the method refuses it; "" if it does not."""
+        """The message with which the method refuses the run; "" if it does not."""
         try:
             self.simulate()
         except kind as refusal:
@@ -136,7 +136,7 @@ class RunData(NamedTuple):
 
 
 def collect(spec: RunSpec, is_copy: bool = False) -> RunData:
-    """Simulate a run in all ways that its checks need; statistics start at once, so that short runs have them."""
+    """Simulate a run in all variants that its checks need; statistics start at once, for short runs too."""
     duration = spec.arguments["duration"]
     rate = 1.0 / (spec.step * np.ceil(duration / (spec.step * MOST_ROWS)))
     long = spec.simulate(record=True, sample_rate=rate) if duration >= LONG else None
@@ -147,7 +147,7 @@ def collect(spec: RunSpec, is_copy: bool = False) -> RunData:
 
 
 def stated(message: str, word: str) -> float:
-    """The number that follows a word in a message; NaN where none does."""
+    """The number after a word of a message; NaN without one."""
     match = re.search(rf"\b{word} ([-+]?\d+\.?\d*(?:e[-+]?\d+)?)", message)
     return float(match[1]) if match else np.nan
 
@@ -171,7 +171,7 @@ LIMITS: dict[str, Callable[[RunSpec], float]] = {
 
 
 def not_stated(case: Case, spec: RunSpec, value: float, expected: str) -> dict[str, tuple[float, float]]:
-    """How many things a refusal fails to state: the argument; its limit; and a limit stated must be allowed."""
+    """Number of faults of a refusal: the argument or its limit is missing, or the stated limit is not allowed."""
     message = spec.refusal(ERRORS[expected])
     if not message:
         raise AssertionError(f"{spec.method} does what it should refuse with {expected}")
@@ -188,7 +188,7 @@ def not_stated(case: Case, spec: RunSpec, value: float, expected: str) -> dict[s
 
 
 def evaluate(data: RunData) -> dict[str, Check]:
-    """Value and bound of every check that applies."""
+    """Value and bound of each check that applies."""
     spec, run, summary, method = data.spec, data.run, data.summary, data.spec.method
     series = (run.time, run.velocity_B, run.normal_force, run.tangential_force, run.slip_velocity)
     # NaN in a summary means no value; but a balance always has one.
@@ -212,7 +212,7 @@ def evaluate(data: RunData) -> dict[str, Check]:
 
 
 def _contact_law(spec: RunSpec, run: Transient) -> dict[str, Check]:
-    """Signorini's and Coulomb's conditions at every step; "paper" relaxes towards the cone."""
+    """Residuals of Signorini's and Coulomb's conditions at all steps; "paper" approaches the cone gradually."""
     N, T, slip, state = run.normal_force, run.tangential_force, run.slip_velocity, run.state
     mu, V, step = spec.scene.mu, abs(spec.arguments["V"]), spec.step
     peak = max(float(np.abs(N).max()), spec.arguments["F"])
@@ -247,7 +247,7 @@ def _contact_law(spec: RunSpec, run: Transient) -> dict[str, Check]:
 
 
 def _moved(spec: RunSpec, driven: float) -> float:
-    """Displacement of the clamp or the tip, m: nothing in g_T is larger."""
+    """Displacement of the clamp plus that of the tip, m, which g_T does not exceed."""
     model, initial = spec.model, spec.initial
     moved = driven + spec.arguments["F"] * float(np.sum(np.abs(model.tangential * model.static_equilibrium)))
     if initial is not None:
@@ -286,7 +286,7 @@ def _mean(run: Transient, F: float) -> Check:
 
 
 def _off(spec: RunSpec, name: str, value: Any, original: Any) -> float:
-    """How far a statistic of a copy is from that of the original, scaled."""
+    """Scaled difference between a statistic of a copy and that of the original."""
     if isinstance(original, str):
         return 0.0 if value == original else np.inf
     found, expected = (np.atleast_1d(np.asarray(part, dtype=float)) for part in (value, original))

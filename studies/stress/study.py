@@ -1,4 +1,4 @@
-"""A battery that tries to break each method: the tasks, the outcomes, and how near each check was to failing."""
+"""A battery of hard cases for each method: tasks, outcomes, and margins of the checks."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def run_case(case: Case, method: str) -> tuple[int, int, Any, Any]:
 
 
 def describe(data: xr.Dataset) -> xr.Dataset:
-    """Add the task, the expected outcome, and the margin of each check: its value over its bound."""
+    """Add the task, the expected outcome, and the margin of each check, value over bound."""
     cases, methods = [CASES[name] for name in data["case"].values.tolist()], data["method"].values.tolist()
     expected = np.array([[EXPECTED.index(case.expectation(m)) for m in methods] for case in cases], dtype=np.int8)
     about = {"long_name": "expected outcome where the case applies", "flag_meanings": " ".join(EXPECTED)}
@@ -85,13 +85,13 @@ def describe(data: xr.Dataset) -> xr.Dataset:
 
 
 def outcomes(data: xr.Dataset) -> xr.DataArray:
-    """The place in OUTCOMES of each case and method."""
+    """The index in OUTCOMES of each case and method."""
     codes = data["outcome"].where(data["status"] == DONE, PENDING).where(data["status"] != FAILED, FAILS)
     return codes.fillna(PENDING).astype(int).rename("code")
 
 
 def summary(data: xr.Dataset) -> Iterator[Any]:
-    """How many cases end as they should, the checks nearest to failing, and which methods some do not apply to."""
+    """The number of expected outcomes, the checks nearest to their bounds, and cases that do not apply."""
     frame = outcomes(data).to_dataframe().reset_index()
     failed, ran = (int((frame["code"] == FAILS).sum()), int((frame["code"] <= FAILS).sum()))
     yield f"{failed or 'None'} of {ran} runs and refusals failed: {DAMPING}."
@@ -105,7 +105,7 @@ def summary(data: xr.Dataset) -> Iterator[Any]:
 
 
 def figure(data: xr.Dataset) -> Any:
-    """Above, the nearest check of every case, or that it is refused or fails; below, every check of every case."""
+    """Above, the worst check of each case, or its refusal or failure; below, all checks of each case."""
     code, nearest = outcomes(data), data["margin"].max("check")
     nearest = nearest.where(code == 0, REFUSED).where(code != FAILS, BROKEN).where(code <= FAILS)
     rows, failed = [len(set(data["group"].values)) + 1, data.sizes["check"]], int((code == FAILS).sum()) or "none"

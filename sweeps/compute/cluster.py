@@ -1,4 +1,4 @@
-"""Dask clusters as back ends: a plug-in takes the task of a run to all workers, also to those that join later."""
+"""Dask clusters as back ends; a plug-in takes the task of a run to all workers, also to those that join later."""
 
 # mypy: disallow-untyped-calls=False, disallow-any-generics=False
 
@@ -27,7 +27,7 @@ SCHEDULER_LOST = "the scheduler does not answer any more"
 
 @contextmanager
 def cluster(scheduler: Any, payload: Payload) -> "Iterator[Cluster]":
-    """The workers of a Dask scheduler, ready for the batches of a task; else a SchedulerError."""
+    """The workers of a Dask scheduler, prepared for the batches of a task; else a SchedulerError."""
     connection = nullcontext(scheduler) if isinstance(scheduler, distributed.Client) else _connected(scheduler)
     # Whoever meets lost connections and killed workers reports them in one line; Dask's log would repeat them.
     with (
@@ -64,7 +64,7 @@ def _connected(scheduler: Any) -> Iterator[distributed.Client]:
 
 @contextmanager
 def _translated() -> Iterator[None]:
-    """Raise an error of this package for what Dask raises."""
+    """Replace an exception of Dask by an error of this package."""
     try:
         yield
     except UndeclaredError:
@@ -105,7 +105,7 @@ class Cluster(Backend):
         self.check()
 
     def check(self) -> None:
-        """Count the workers, now and then; a ClusterLostError if there have been none for NO_WORKER_TIMEOUT."""
+        """Count the workers from time to time; a ClusterLostError after NO_WORKER_TIMEOUT without workers."""
         if time.monotonic() - self._counted < POLL_INTERVAL:
             return
         try:
@@ -119,7 +119,7 @@ class Cluster(Backend):
             raise ClusterLostError("the cluster has no workers left")
 
     def environments(self, libraries: tuple[str, ...]) -> list[dict[str, str]]:
-        """Those of the present workers."""
+        """The environments of the present workers."""
         with _translated():
             return list(self.client.run(environment, libraries).values())
 
@@ -129,7 +129,7 @@ class Cluster(Backend):
             return future.result()
 
     def halt(self) -> None:
-        """Begin no more batches; only a worker knows which of its batches have begun."""
+        """Begin no more batches. Only a worker knows which of its batches have begun."""
         run = self.run
 
         def halt(dask_worker: Any) -> None:

@@ -1,7 +1,7 @@
-"""Executors of `concurrent.futures` as back ends: the one protocol by which a run computes its batches.
+"""Executors of `concurrent.futures` as back ends: the common protocol by which a run computes its batches.
 
-A task travels to other processes as bytes, and each unpacks it once. A process that sees the folder of the parts,
-which a file with the run's name proves, writes its parts itself; the results of others travel.
+A task travels to other processes as bytes, and each process unpacks it once. A process that sees the folder of the
+parts, which a file with the run's name proves, writes its parts itself; the results of others are sent back.
 """
 
 import multiprocessing
@@ -44,7 +44,7 @@ Compute = Callable[[str, Points], BatchSummary | None]
 
 
 def check_backend(scheduler: Any, workers: int | None) -> None:
-    """Raise a `SchedulerError` unless the scheduler is one of those that `Plan.run` accepts."""
+    """Raise a `SchedulerError` for a scheduler that `Plan.run` does not accept."""
     known = isinstance(scheduler, str) and (scheduler in LOCAL or "://" in scheduler)
     if not (known or is_pool(scheduler) or hasattr(scheduler, "scheduler_info")):
         raise SchedulerError(f"scheduler = {scheduler!r}: it must be {KINDS}")
@@ -58,12 +58,12 @@ def check_backend(scheduler: Any, workers: int | None) -> None:
 
 
 def is_pool(scheduler: Any) -> bool:
-    """Whether it is an executor, or makes executors."""
+    """Whether an object is an executor, or creates executors."""
     return isinstance(scheduler, Executor) or callable(scheduler)
 
 
 class Backend(AbstractContextManager["Backend"]):
-    """An executor with so many `workers`, threads of this process; what differs elsewhere is overridden."""
+    """An executor with a number of `workers`, here threads of this process; subclasses differ in the rest."""
 
     window = 2  # submitted batches for each worker at most: one to work on, one that waits
 
@@ -72,17 +72,17 @@ class Backend(AbstractContextManager["Backend"]):
         self._futures = set[Future[Any]]()
 
     def __exit__(self, kind: type[BaseException] | None, *problem: Any) -> None:
-        """Shut down an executor that is our own; wait for threads, which cannot be ended, or give them up."""
+        """Shut down an executor of our own; wait for threads, which cannot be ended, or abandon them."""
         self.halt()
         if self.own:
             self.executor.shutdown(wait=kind is None or not issubclass(kind, KeyboardInterrupt))
 
     def environments(self, libraries: tuple[str, ...]) -> list[dict[str, str]]:
-        """Those in which workers compute, as far as they are known."""
+        """The environments of the workers, as far as they are known."""
         return [environment(libraries)]
 
     def check(self) -> None:
-        """Count the workers; a ClusterLostError if there are none any more."""
+        """Count the workers; a ClusterLostError if none is left."""
 
     def submit(self, name: str, points: NDArray[np.intp]) -> Future[BatchSummary | None]:
         """Compute a batch, and store it as the part `name`."""
@@ -104,7 +104,7 @@ class Backend(AbstractContextManager["Backend"]):
 
 
 def threads(scheduler: Any, workers: int, compute: Compute) -> Backend:
-    """Threads of this process: new ones, or those of an executor; or this thread alone."""
+    """Threads of this process: new ones, those of an executor, or this thread alone."""
     if isinstance(scheduler, Executor):
         return Backend(scheduler, _size(scheduler), compute, own=False)
     if scheduler == "sync":
@@ -113,7 +113,7 @@ def threads(scheduler: Any, workers: int, compute: Compute) -> Backend:
 
 
 class Processes(futures.ProcessPoolExecutor):
-    """Processes of this machine, which ignore a terminal's Ctrl-C from their first moment on."""
+    """Processes of this machine, which ignore Ctrl-C of a terminal from their start."""
 
     def __init__(self, workers: int) -> None:
         if multiprocessing.current_process().daemon:
@@ -121,7 +121,7 @@ class Processes(futures.ProcessPoolExecutor):
         super().__init__(min(workers, MOST_PROCESSES), multiprocessing.get_context("spawn"))
 
     def submit(self, *call: Any, **options: Any) -> Future[Any]:
-        """Submit a call, for which a process may begin."""
+        """Submit a call, for which a new process may start."""
         if os.name == "nt":
             return super().submit(*call, **options)
         # Python's tracker of resources unblocks all signals when it starts; so it starts before.
@@ -134,7 +134,7 @@ class Processes(futures.ProcessPoolExecutor):
 
 
 class Pool(Backend):
-    """Workers of any other executor, or processes of this machine; what makes them replaces those that die."""
+    """Workers of any other executor, or processes of this machine; a factory replaces workers that die."""
 
     def __init__(self, scheduler: Any, workers: int, payload: "Payload") -> None:
         own = not isinstance(scheduler, Executor)
@@ -150,7 +150,7 @@ class Pool(Backend):
         return executor
 
     def __exit__(self, kind: type[BaseException] | None, *problem: Any) -> None:
-        """Shut down an executor that is our own, and end its workers if all is lost."""
+        """Shut down an executor of our own, and end its workers if the run is lost."""
         self.halt()
         if self.own:
             for process in [*(getattr(self.executor, "_processes", None) or {}).values()] if kind else ():
@@ -158,14 +158,14 @@ class Pool(Backend):
             self.executor.shutdown(wait=kind is None)
 
     def environments(self, libraries: tuple[str, ...]) -> list[dict[str, str]]:
-        """That of one worker, which shows that they can compute this; those of the others come with batches."""
+        """The environment of one worker, which proves that workers can compute; batches bring the others."""
         try:
             return [self.result(self.executor.submit(self._payload.environment, libraries))]
         except (WorkerDied, RuntimeError):
             raise SchedulerError(f"{self.name} has no workers that live; {GUARD}") from None
 
     def submit(self, name: str, points: NDArray[np.intp]) -> Future[BatchSummary | None]:
-        """Compute a batch, by new workers if the others are gone."""
+        """Compute a batch, on new workers if the others are gone."""
         try:
             return super().submit(name, points)
         except RuntimeError:  # it is broken, or somebody has shut it down
@@ -189,7 +189,7 @@ class Pool(Backend):
     def _lost(self) -> ClusterLostError:
         kept = "the same run continues from what is stored; " * (self._payload.probe is not None)
         advice = "a function that makes such executors isolates the point that kills them"
-        return ClusterLostError(f"{self.name} is broken, for a worker has died; {kept}{advice}")
+        return ClusterLostError(f"{self.name} is broken, since a worker died; {kept}{advice}")
 
 
 def _size(executor: Any) -> int:
@@ -199,7 +199,7 @@ def _size(executor: Any) -> int:
 
 @dataclass(frozen=True)
 class Payload:
-    """The task and the folder of a run, for other processes; the run's `name` tells it from others."""
+    """The task and the folder of a run, for other processes; its `name` is unique."""
 
     name: str
     content: bytes = field(compare=False, repr=False)
@@ -209,7 +209,7 @@ class Payload:
 
     @classmethod
     def of(cls, task: Task, code: tuple[str | Path, ...], writer: PartWriter | None) -> "Payload":
-        """Pack a task; a SchedulerError if it cannot travel."""
+        """Pack a task; a SchedulerError if it cannot be sent to other processes."""
         name = f"sweeps-{uuid4().hex}"
         names = [each for each in code if isinstance(each, str)]
         # What travels with the function cannot differ there.
@@ -227,7 +227,7 @@ class Payload:
 
     @contextmanager
     def offered(self) -> Iterator[None]:
-        """Show the workers the folder of the parts meanwhile; later another run may have it."""
+        """Mark the folder of the parts as this run's while the context lasts."""
         try:
             with suppress(OSError):
                 if self.probe is not None:
@@ -238,7 +238,7 @@ class Payload:
                 self.probe.unlink(missing_ok=True)
 
     def is_seen(self) -> bool:
-        """Whether this process sees the folder of the parts, and the run goes on."""
+        """Whether this process sees the folder of the parts, and the run continues."""
         return self.probe is not None and os.path.exists(self.probe)
 
     def compute(self, name: str, points: Points) -> BatchSummary:
@@ -253,7 +253,7 @@ class Payload:
         return summary
 
     def environment(self, libraries: tuple[str, ...]) -> dict[str, str]:
-        """That of this worker, if it can compute the task."""
+        """The environment of this worker, if it can compute the task."""
         _unpacked(self)
         return environment(libraries)
 

@@ -1,4 +1,4 @@
-"""The execution of a plan: one loop over batches, which are computed, stored and assembled."""
+"""Execution of a plan: a loop over batches, which are computed, stored and assembled."""
 
 import json
 import math
@@ -47,7 +47,7 @@ SHOWN = 4
 def execute(
     plan: PlanData, scheduler: Any, workers: int | None, progress: Progress | bool | None, fail_fast: bool
 ) -> tuple[xr.Dataset, PlanData]:
-    """Run a plan; see `sweeps.Plan.run`. Returns the dataset and the plan as it is after that."""
+    """Run a plan; see `sweeps.Plan.run`. Return the dataset and the updated plan."""
     check_backend(scheduler, workers)
     if not (progress is None or isinstance(progress, bool) or callable(progress)):
         raise InputError(f"progress = {progress!r}: it must be True, False, None or a function of a Snapshot")
@@ -77,7 +77,7 @@ def execute(
 
 
 def _lines() -> Progress:
-    """Progress as a line on standard error: on a terminal one that changes, else a new one now and then."""
+    """Progress on standard error: one line that changes on a terminal, else a new line every few seconds."""
     stream, terminal, last = sys.stderr, sys.stderr.isatty(), time.monotonic()
 
     def update(now: Snapshot) -> None:
@@ -96,7 +96,7 @@ def _lines() -> Progress:
 
 
 def _failures(data: xr.Dataset) -> str:
-    """How many points of a result failed, and where and why the first did; "" if none has."""
+    """The number of failed points, and place and reason of the first failure; "" without failures."""
     failed = data["status"] == FAILED
     if not (count := int(failed.sum())):
         return ""
@@ -136,7 +136,7 @@ def _check_version(plan: PlanData, store: Store) -> None:
 
 
 def _finish(plan: PlanData, store: Store, compute: Callable[..., Table]) -> tuple[xr.Dataset, PlanData]:
-    """Compute what is missing, write the file and read what is requested; return the plan as it is then."""
+    """Compute missing results, write the file and read the requested points; return the updated plan."""
     with nullcontext() if plan.whole else store.locked():
         _check_version(plan, store)
         if not plan.whole:
@@ -162,9 +162,9 @@ def _finish(plan: PlanData, store: Store, compute: Callable[..., Table]) -> tupl
 
 
 def _extend(plan: PlanData, store: Store, table: Table) -> Table:
-    """The results of a file with variables that it lacks.
+    """The results of a file with the variables that it lacks.
 
-    Refused where the function that was called gives other values of those which the file has.
+    Refused if the called function returns other values for variables that the file already has.
     """
     found = extended(
         store, plan.sweep.name, json.loads(plan.manifest.attributes["fingerprint"]), pending=plan.alone
@@ -198,7 +198,8 @@ def _requested(plan: PlanData, store: Store) -> xr.Dataset:
     try:
         data = opened(store.file)
     except ValueError as problem:
-        raise StoreError(f"{problem}; move it away, or {errors.HINT_START_OVER}") from None
+        hint = "" if errors.HINT_MOVE in str(problem) else f"; move it away, or {errors.HINT_START_OVER}"
+        raise StoreError(f"{problem}{hint}") from None
     if plan.alignment.identical:
         return restore_types(data)
     grid = plan.manifest.grid

@@ -1,1 +1,1 @@
-"""Fingerprint of a sweep: a run resumes stored results only if their fingerprint is its own."""
+"""Fingerprints of sweeps: a run resumes stored results only if their fingerprint equals its own."""

@@ -1,4 +1,4 @@
-"""Digests of compiled code, without docstring and positions, and the parts of values, by their pickles."""
+"""Digests of compiled code, without docstrings and positions, and the parts of values, from their pickles."""
 
 import dis
 import random
@@ -23,7 +23,7 @@ LOADS = {"LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS", "STORE_GLOBAL"
 
 
 class Bytecode(NamedTuple):
-    """A digest of code, the globals that it loads, all names in it, and of imports module, level and names."""
+    """Digest of code, the globals that it loads, all names in it, and its imports: module, level and names."""
 
     text: str
     loads: frozenset[str]
@@ -69,7 +69,7 @@ def _constant(value: Any) -> str:
 
 
 def parts_of(value: Any) -> Iterable[Any]:
-    """Return the parts of a value; where nothing better is known, those of its pickle, which may raise."""
+    """The parts of a value; without a better way those of its pickle, which may raise."""
     kind = type(value)
     if kind.__module__ == "threadpoolctl":
         raise TypeError("its state is that of this process: addresses and paths of libraries")
@@ -98,7 +98,7 @@ def parts_of(value: Any) -> Iterable[Any]:
 
 
 def members_of(value: type) -> Iterator[tuple[str, Any]]:
-    """Yield the members of a class, with its annotations; of one that Numba compiles its methods and types."""
+    """Yield the members of a class and its annotations; of a class compiled by Numba its methods and types."""
     compiled: Any = getattr(value, "class_type", None)
     if hasattr(compiled, "jit_methods"):
         yield "methods", dict(compiled.jit_methods)

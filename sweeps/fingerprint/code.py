@@ -1,14 +1,14 @@
-"""Fingerprint of code: of the functions that are loaded, with all that they name.
+"""Fingerprint of code: of loaded functions, and of all definitions that they name.
 
-A function counts by its compiled code, its defaults, what it encloses, its attributes, and the globals that it
-names; functions and classes among these are followed, also through imports within functions. Values count by their
-content. So numbers bear the fingerprint of the code that computed them, whatever its files contain by now.
+A function counts by its compiled code, its defaults, its closure, its attributes, and the globals that it names;
+functions and classes among these are followed, also through imports within functions. Values count by their
+content. So the fingerprint describes the code that computed the numbers, whatever its files contain later.
 Formatting, comments and docstrings change nothing.
 
-Installed packages count by the hashes of their files in RECORD, too; libraries do not, since their versions are
-part of the environment; of this engine only functions that are given count. Not covered are names that are found
-by computation, and files that code reads, unless they are declared. Compiled code differs between versions of
-Python; a digest of the sources stands in for it there.
+Installed packages also count by the hashes of their files in RECORD. Libraries do not, since their versions are
+part of the environment; of this engine only the given functions count. Names found at run time and files read by
+code are not covered unless they are declared. Compiled code differs between versions of Python; there a digest of
+the sources replaces it.
 """
 
 import importlib.util
@@ -42,10 +42,10 @@ class Covered(NamedTuple):
 
 
 def covered(functions: Iterable[Any], code: Sequence[str | Path] = (), values: Mapping[str, Any] = {}) -> Covered:
-    """Return what `functions`, callables of any kind, depend on as far as it is code.
+    """Return the code and values on which `functions`, callables of any kind, depend.
 
-    `code` are packages and modules, by name, and files and folders on which results depend besides; the code of
-    `values` counts, too. An `InputError` if there is no such code, or a value cannot be compared.
+    `code` are further packages and modules, by name, and files and folders on which results depend; the code of
+    `values` counts, too. An `InputError` if there is no such code, or if a value cannot be compared.
     """
     reach = _Reach()
     contents = {name: digest(reach.text(each, name).encode()) for name, each in values.items()}
@@ -67,13 +67,13 @@ def digests(functions: Iterable[Any], code: Sequence[str | Path] = ()) -> dict[s
 
 
 def settle(before: dict[str, str], after: dict[str, str]) -> None:
-    """Let code of digests `after` count as `before`, since running it has made the difference."""
+    """Let code with digests `after` count as `before`, since only running it has changed it."""
     if after != before:
         _settled[str(after)] = before
 
 
 class _Reach:
-    """Follows names from functions; `lines` are texts of what is reached, by module, package and file."""
+    """Follows names from functions; `lines` describe the reached definitions, by module, package and file."""
 
     def __init__(self) -> None:
         self.lines: dict[str, list[str]] = {}
@@ -84,7 +84,7 @@ class _Reach:
         self._open: set[tuple[str, str]] = set()  # attributes of modules that are being followed
 
     def kind(self, home: str) -> str:
-        """Whose code a module is; an installed package that is met counts."""
+        """The kind of a module (`modules.kind_of`); an installed package on the way is recorded."""
         root = home.partition(".")[0]
         if root == modules.ENGINE:
             return "library"
@@ -97,7 +97,7 @@ class _Reach:
         return kind
 
     def give(self, function: Any) -> None:
-        """Add a function, of the engine too; what it carries along counts where the function within it is."""
+        """Add a function, also one of the engine; its bound values count, and the function within it."""
         inner = function
         while isinstance(inner, partial) or hasattr(inner, "function"):
             parts = (*inner.args, inner.func) if isinstance(inner, partial) else (inner.function,)
@@ -110,7 +110,7 @@ class _Reach:
         self.lines.setdefault(modules.home_of(inner), []).append(text)
 
     def declare(self, name: str | Path) -> None:
-        """Add a file or folder by its bytes, a package or module with all that it defines."""
+        """Add a file or folder by its bytes, a package or module with all its definitions."""
         if isinstance(name, Path) and name.exists():
             self.lines.setdefault(name.name, []).append(modules.contents_of(name))
             return
@@ -123,7 +123,7 @@ class _Reach:
                 self.lines.setdefault(each, []).extend(f"{k} = {self.text(v)}" for k, v in items if k not in OWN)
 
     def follow(self) -> None:
-        """Add the definitions that are named so far, and those that these name."""
+        """Add the definitions named so far, and those that they name."""
         while self._waiting:
             self._define(*self._waiting.pop())
 
@@ -206,7 +206,7 @@ class _Reach:
                         yield from self._named(each, module, {*names} | code.names)
 
     def _named(self, key: str, value: Any, names: Set[str], holder: str = "") -> Iterator[str]:
-        """Describe the value of a name; of a module those of its attributes that are in `names`."""
+        """Describe the value of a name; of a module, the values of its attributes in `names`."""
         if isinstance(value, ModuleType) and self.kind(value.__name__) != "library":
             for each in sorted(names & vars(value).keys()):
                 if (place := (value.__name__, each)) not in self._open:

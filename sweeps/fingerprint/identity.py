@@ -1,4 +1,4 @@
-"""The fingerprint of a sweep: results of two sweeps mix only if all of it is equal.
+"""The fingerprint of a sweep: results of two sweeps are combined only if their fingerprints are equal.
 
 The values of the axes are not part of it, since grids grow.
 """
@@ -38,9 +38,9 @@ def configuration(sweep: Declaration, grid: Grid) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Return a constant as JSON represents it, long arrays by their digest.
+    """A constant in the form of JSON, with long arrays as their digest.
 
-    An `InputError` if it is not of numbers, strings, arrays, tables, dataclasses and containers of these.
+    An `InputError` for a type other than numbers, strings, arrays, tables, dataclasses and containers of these.
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
@@ -66,7 +66,7 @@ def plain(value: Any) -> Any:
 
 
 def _is_exact(value: Any) -> bool:
-    """Whether `plain` loses nothing of a constant: neither its type nor that of its keys."""
+    """Whether `plain` keeps all of a constant, its type and the types of its keys included."""
     if isinstance(value, (list, tuple)):
         return all(map(_is_exact, value))
     if isinstance(value, dict):
@@ -82,7 +82,7 @@ def coverage(sweep: Declaration, engine: Sequence[Callable[..., Any]] = ()) -> C
 
 
 def fingerprint(sweep: Declaration, reached: Covered) -> dict[str, Any]:
-    """Everything by which results are compared, as JSON."""
+    """All properties in which results are compared, as JSON."""
     raw = {name: axis.values.dtype.str.encode() + axis.values.tobytes() for name, axis in sweep.coords.items()}
     coords = {name: f"{len(sweep.coords[name])} values {digest(each)}" for name, each in raw.items()}
     # In the order in which differences are reported.
@@ -106,9 +106,9 @@ def fingerprint(sweep: Declaration, reached: Covered) -> dict[str, Any]:
 
 @contextmanager
 def steady(sweep: Declaration, engine: Sequence[Callable[..., Any]], planned: str) -> Iterator[None]:
-    """Refuse to compute with other code or constants than was planned; a StoreError says what has changed.
+    """Refuse to compute with other code or constants than planned; a StoreError names the change.
 
-    What the code changes while it runs, such as a cache, counts as it was before.
+    Changes that the code makes while it runs, such as a cache, do not count.
     """
 
     def codes(reached: Covered) -> list[dict[str, str]]:
@@ -127,7 +127,7 @@ def steady(sweep: Declaration, engine: Sequence[Callable[..., Any]], planned: st
 
 
 def metadata_digest(sweep: Declaration) -> str:
-    """Digest of everything else in the file: names, titles, and the code that derives variables or skips."""
+    """Digest of all other parts of the file: names, titles, and the code that derives variables or skips."""
     shown = {
         "title": sweep.title,
         "names": {k: v.long_name for k, v in {**sweep.grid.axes, **sweep.coords, **sweep.variables}.items()},
@@ -139,7 +139,10 @@ def metadata_digest(sweep: Declaration) -> str:
 
 
 def differences(stored: Mapping[str, Any], present: Mapping[str, Any], *, code: bool = True) -> str:
-    """Describe how two fingerprints differ, in one line; "" if they are equal. Without `code` this is left out."""
+    """Describe how two fingerprints differ, in one line; "" if they are equal.
+
+    Differences of code are left out without `code`, and where constants differ, which code may depend on.
+    """
     before, now = ({name: each for name, each in both.items() if name not in CODE} for both in (stored, present))
     if "compiler" not in stored:  # of an earlier version, which had no digests of values
         now.pop("values", None)
@@ -152,7 +155,7 @@ def differences(stored: Mapping[str, Any], present: Mapping[str, Any], *, code: 
         there, here = ("nothing" if value is ABSENT else json.dumps(value) for value in values)
         what = {"constants": inner, "values": f"the content of {inner}"}.get(part, f"{part} {inner}".rstrip())
         lines.append(f"{what} = {_shortened(there)} there, {_shortened(here)} here")
-    if code and (line := _code_difference(stored, present)):
+    if code and not shown and (line := _code_difference(stored, present)):
         lines.insert(3, line)
     return "; ".join(lines[:4])
 
@@ -162,7 +165,7 @@ def _shortened(text: str) -> str:
 
 
 def recompiled(attributes: Mapping[str, str], present: Mapping[str, Any]) -> str:
-    """Say that stored results are of the same sources, which another Python has compiled; "" if they are not."""
+    """A note that stored results come from the same sources compiled by another Python; "" if they do not."""
     compiler = json.loads(attributes.get("fingerprint", "{}")).get("compiler")
     if compiler in (None, present.get("compiler")):
         return ""
@@ -194,7 +197,7 @@ def _code_difference(stored: Mapping[str, Any], present: Mapping[str, Any]) -> s
 
 
 def _functions(each: Mapping[str, Any], what: str) -> dict[str, Any]:
-    """Digests of the variables that have a function of their own."""
+    """Digests of the variables with a function of their own."""
     return {name: json.dumps(own[what]) for name, own in each.get("functions", {}).items()}
 
 

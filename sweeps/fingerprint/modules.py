@@ -1,4 +1,4 @@
-"""Modules: what they are called, where they lie, and how a script's file becomes one."""
+"""Modules: their names, their places, and the module of a script's file."""
 
 import importlib
 import importlib.util
@@ -27,7 +27,7 @@ LIBRARIES |= {"matplotlib", "itables", "PIL", "pint", "pyuff", "mpmath"}
 
 
 def home_of(function: Any) -> str:
-    """Return the name of the module that a callable of any kind comes from."""
+    """The name of the module in which a callable of any kind is defined."""
     while isinstance(function, partial):
         function = function.func
     named = getattr(function, "__module__", None) or getattr(function, "__globals__", {}).get("__name__")
@@ -35,7 +35,7 @@ def home_of(function: Any) -> str:
 
 
 def own_name(name: str) -> str:
-    """Return the name of a module, whether or not Python started it as a script."""
+    """The name of a module, also if Python started it as a script."""
     main: Any = sys.modules["__main__"]
     if name == "__main__" and main.__spec__ is not None:  # python -m
         return str(main.__spec__.name)
@@ -43,17 +43,17 @@ def own_name(name: str) -> str:
 
 
 def stem(file: Any) -> str:
-    """Return the name of the module of a script."""
+    """The name of the module of a script."""
     return "".join(c if c.isalnum() else "_" for c in Path(file).stem)
 
 
 def by_value() -> set[str]:
-    """Return the names of modules whose functions travel to other processes with their code."""
+    """Names of the modules whose functions are sent to other processes with their code."""
     return {"__main__", own_name("__main__"), *cloudpickle.list_registry_pickle_by_value()}
 
 
 def loaded(name: str) -> ModuleType | None:
-    """Return a module, which is imported if need be; None where that fails."""
+    """A module, imported if necessary; None if that fails."""
     if name not in sys.modules and name == own_name("__main__"):
         return sys.modules["__main__"]
     with suppress(Exception, SystemExit):
@@ -76,7 +76,7 @@ def contents_of(path: Path) -> str:
 
 @cache
 def is_installed(root: str) -> bool:
-    """Return whether a package lies where packages are installed."""
+    """Whether a package lies where packages are installed."""
     with suppress(ImportError, ValueError):
         spec = getattr(sys.modules.get(root), "__spec__", None) or importlib.util.find_spec(root)
         places = [spec.origin or "", *(spec.submodule_search_locations or ())] if spec else []
@@ -86,7 +86,7 @@ def is_installed(root: str) -> bool:
 
 @cache
 def kind_of(home: str) -> str:
-    """Return whose code a module is: of a "library", "installed" or "local", as all of this distribution is."""
+    """The kind of a module: "library", "installed" or "local", as all modules of this distribution are."""
     root = home.partition(".")[0]
     if root in sys.stdlib_module_names and not is_shadowed(root):
         return "library"
@@ -100,21 +100,21 @@ def kind_of(home: str) -> str:
 
 
 def is_shadowed(root: str) -> bool:
-    """Return whether a module that is named like one of Python's is another one."""
+    """Whether a module with the name of one of Python's own is another module."""
     file = getattr(sys.modules.get(root), "__file__", None)
     return file is not None and not Path(file).is_relative_to(Path(os.__file__).parent) and root != "__main__"
 
 
 @cache
 def extension_of(home: str) -> str:
-    """Return a digest of a compiled extension module's file; "" of any other."""
+    """Digest of the file of a compiled extension module; "" of any other module."""
     file = getattr(sys.modules.get(home), "__file__", None) or ""
     return f"extension {digest(Path(file).read_bytes())}" if file.endswith((".so", ".pyd")) else ""
 
 
 @cache  # as first seen: an upgrade does not change what is loaded
 def record(root: str) -> str:
-    """Return a digest of the hashes of an installed package's files; without a RECORD of those files."""
+    """Digest of the hashes of an installed package's files; without a RECORD, of the files."""
     files = [each for name in distributions().get(root, ()) for each in distribution(name).files or ()]
     lines = [f"{each} {each.hash.value}" for each in files if each.hash and each.suffix in (".py", ".so", ".pyd")]
     if not lines and (spec := importlib.util.find_spec(root)):
@@ -124,11 +124,11 @@ def record(root: str) -> str:
 
 
 def load_script(file: str | Path) -> ModuleType:
-    """The module of a script's file, not started as a script.
+    """The module of a script's file, which is not started as a script.
 
-    It is named as its file, and imports modules beside it, as a script does. A sweep of its functions continues
-    the results of the script, and the other way round. Other processes get its functions by value. An InputError
-    if there is no such file, its name is another module's, or it raises.
+    It has the name of its file and imports modules beside it, like a script. A sweep of its functions continues
+    the results of the script, and vice versa. Other processes receive its functions by value. An InputError if
+    there is no such file, if another module has its name, or if it raises.
     """
     path = Path(file).expanduser()
     name, folder = stem(path), str(path.resolve().parent)

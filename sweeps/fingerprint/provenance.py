@@ -1,6 +1,6 @@
-"""The origin of a result: version of the code, and the environment that decides the last bits of its values.
+"""The origin of a result: version of the code, and the environment, which decides the last bits of values.
 
-Results of another environment are not stale, but chaotic motion amplifies a last bit. A file therefore lists the
+Results of another environment are valid, but chaotic motion amplifies a last bit. A file therefore lists the
 environments of its runs, and a run that adds another one warns.
 """
 
@@ -44,7 +44,7 @@ def mixed(environments: Sequence[Environment]) -> str:
 
 @cache
 def distributions() -> Mapping[str, list[str]]:
-    """The distributions of each top-level name; to find them takes half a second."""
+    """The distributions of each top-level name; finding them takes half a second."""
     return packages_distributions()
 
 
@@ -82,7 +82,7 @@ def _processor() -> str:
 
 @cache
 def source(package: str) -> str:
-    """Distribution, version and commit of a package; of a module without a distribution its name."""
+    """Distribution, version and commit of a package; the name of a module without a distribution."""
     if not (names := distributions().get(package)):
         return package
     number, _, local = _version(names[0]).partition("+")

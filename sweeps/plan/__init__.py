@@ -1,1 +1,1 @@
-"""The plan of a sweep: everything that is decided before the first computation."""
+"""The plan of a sweep: all decisions before the first computation."""

@@ -1,4 +1,4 @@
-"""Adoption: results of other code become those of the present code if computations that are repeated agree."""
+"""Adoption: results of other code become results of the present code if repeated computations agree."""
 
 import secrets
 from collections.abc import Iterable
@@ -20,9 +20,9 @@ SHARE = 0.1
 
 @dataclass(frozen=True)
 class Adopt:
-    """How stored results are adopted: computations to repeat, the seed that chooses; whether bits must agree.
+    """How stored results are adopted: number of repetitions, seed of the choice, and whether bits must agree.
 
-    Variables of `measured` are of the machine, like computing times, and not compared.
+    Variables in `measured`, such as computing times, depend on the machine and are not compared.
     """
 
     count: int
@@ -33,7 +33,7 @@ class Adopt:
 
 @dataclass(frozen=True)
 class Adoption:
-    """The computations of a plan that are repeated by a rule, of so many that are stored."""
+    """The stored computations that a plan repeats, and their rule."""
 
     points: NDArray[np.intp]
     stored: int
@@ -60,7 +60,7 @@ def choose(adopt: Any, table: Table) -> Adoption:
 
 
 def confirm(adoption: Adoption, before: Table, after: Table) -> str:
-    """Say how the repeated computations agree with the stored ones; a StoreError says which does not."""
+    """A sentence on the agreement of repeated with stored computations; a StoreError names one that differs."""
     differing = {name for point in adoption.points.tolist() for name in _compared(adoption, before, after, point)}
     names, count = before.manifest.variables, len(adoption.points)
     errors = {name + ERROR for name in names}
@@ -74,7 +74,7 @@ def confirm(adoption: Adoption, before: Table, after: Table) -> str:
 
 
 def _compared(adoption: Adoption, before: Table, after: Table, point: int) -> list[str]:
-    """The variables of a computation that differ, within their errors if they have one, else a StoreError."""
+    """The variables of a computation that differ within their standard errors; else a StoreError."""
     place = ", ".join(f"{k} = {v[0]}" for k, v in before.manifest.grid.points(np.array([point])).items())
     refused = f"the results are not adopted, and nothing has changed: at {place}"
     if after.status[point] != DONE:
@@ -101,7 +101,7 @@ def _compared(adoption: Adoption, before: Table, after: Table, point: int) -> li
 
 
 def changed(names: Iterable[str], before: Table, after: Table) -> str:
-    """The first value of some variables that is not in the same bits what it was before; "" if there is none."""
+    """The first value of some variables whose bits have changed; "" if there is none."""
     grid = before.manifest.grid
     for index in grid.blocks():
         rows = slice(int(index[0]), int(index[-1]) + 1)

@@ -1,4 +1,4 @@
-"""Cutting the points to compute into batches: their order, and the size of each by the time of finished ones."""
+"""Batches: the order of the points to compute, and batch sizes from the time of finished batches."""
 
 import math
 from collections import deque
@@ -27,7 +27,7 @@ FIRST_PLACES = 3
 
 
 class BatchSizes:
-    """Chooses the size of each batch from the time of finished ones and the memory that a point's results take."""
+    """Chooses batch sizes from the time of finished batches and the memory for a point's results."""
 
     def __init__(self, row_bytes: float = 0.0) -> None:
         self._room = max(1.0, BATCH_BYTES / row_bytes) if row_bytes > 0.0 else math.inf
@@ -35,12 +35,12 @@ class BatchSizes:
         self._seconds: deque[float] = deque(maxlen=REMEMBERED)
 
     def finished(self, rows: int, seconds: float) -> None:
-        """Note the wall time of a finished batch."""
+        """Record the wall time of a finished batch."""
         self._largest = max(self._largest, rows)
         self._seconds.append(seconds / rows)
 
     def next(self, left: int, workers: int) -> int:
-        """Size of the next batch, of `left` points that remain for so many workers."""
+        """Size of the next batch, for `left` remaining points and a number of workers."""
         if not self._seconds:
             return min(1, left)
         # The median, since the first batch of each worker may include compilation.
@@ -60,7 +60,7 @@ class Queue:
         self._ready = np.zeros(0, dtype=np.intp)
 
     def take(self, count: int) -> NDArray[np.intp]:
-        """The next `count` points, or as many as there are."""
+        """Take the next `count` points, or all that are left."""
         while len(self._ready) < min(count, self.left):
             self._ready = np.concatenate([self._ready, next(self._blocks)])
         taken, self._ready = np.split(self._ready, [count])
@@ -68,7 +68,7 @@ class Queue:
         return taken
 
     def take_spread(self) -> NDArray[np.intp]:
-        """One point from each of FIRST_PLACES places; before any other is taken."""
+        """Take one point from each of FIRST_PLACES places, before all others."""
         if self.left <= FIRST_PLACES:
             return self.take(self.left)
         points = np.flatnonzero(self._due)

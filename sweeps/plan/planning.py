@@ -1,7 +1,7 @@
-"""The plan of a sweep: which points are requested, which are stored already, and which share a computation.
+"""The plan of a sweep: requested points, stored points, and points that share a computation.
 
-Planning calls no function of the user's but `skip`, `key` and `scale`, and reads no stored value unless the sweep
-is refined. A plan keeps some 15 bytes for each point.
+Planning calls only `skip`, `key` and `scale` of the user's functions, and reads no stored value unless the sweep
+is refined. A plan takes some 15 bytes for each point.
 """
 
 import json
@@ -95,12 +95,12 @@ class PlanData:
 
     @property
     def extends(self) -> str:
-        """The variables that the file of earlier results gets."""
+        """The variables that the plan adds to the file of earlier results."""
         return str(self.manifest.attributes.get("extends", ""))
 
     @property
     def most_seconds(self) -> float:
-        """Estimated time on one core; of a refined sweep if every point were requested in the end."""
+        """Estimated time on one core; for a refined sweep, if all points were requested in the end."""
         if self.sweep.refinement is None or not self.todo:
             return self.seconds
         return self.seconds / self.todo * (self.points - self.skipped - self.cached)
@@ -145,7 +145,7 @@ class PlanData:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as text for a reader."""
+    """A time in s as text for a reader."""
     if seconds < 1.0:
         return f"{1e3 * seconds:.3g} ms"
     if seconds < 120.0:
@@ -154,7 +154,7 @@ def duration(seconds: float) -> str:
 
 
 def size(count: float) -> str:
-    """Bytes as text for a reader."""
+    """A number of bytes as text for a reader."""
     for unit in ("B", "kB", "MB"):
         if count < 999.5:
             return f"{count:.3g} {unit}"
@@ -291,7 +291,7 @@ def _make_plan(
 
 
 def _older(sweep: Declaration, place: Store, own: Fields, pending: bool) -> tuple[Existing | None, list[str]]:
-    """The file that gets variables which it lacks, and their names, unless a run of something else goes on."""
+    """The file to which lacking variables are added, and their names, unless another run is unfinished."""
     run = unfinished(place)
     if sweep.refinement is not None or (run is not None and "extends" not in run.attributes):
         return None, []
@@ -309,7 +309,7 @@ def _missing(older: Existing, names: Sequence[str], rows: NDArray[Any]) -> Flags
 
 
 def _functions(sweep: Declaration, names: Iterable[str]) -> tuple[tuple[tuple[str, ...], Any], ...]:
-    """The functions that compute some variables, and which of them each returns."""
+    """The functions that compute some variables, and the names of the variables that each returns."""
     found: dict[int, tuple[list[str], Any]] = {}
     for name in names:
         function = sweep.functions.get(name, sweep.function)

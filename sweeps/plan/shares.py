@@ -1,4 +1,4 @@
-"""Shares of a plan, each computed by a job of its own, and their merger into one file."""
+"""Shares of a plan, computed by separate jobs, and their merger into one file."""
 
 import json
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ Planned = TypeVar("Planned", bound=PlanData)
 
 
 def computations(plan: PlanData) -> NDArray[np.intp]:
-    """The requested computations in the order of the sweep's own grid, whatever the file has besides."""
+    """The requested computations in the order of the sweep's own grid, independent of the file."""
     points, first = plan.alignment(), plan.manifest.representative
     points = points[plan.requested[points]]
     return points if first is None else np.asarray(pd.unique(first[points]))
@@ -37,7 +37,9 @@ def share_of(plan: Planned, number: int, count: int) -> Planned:
     if plan.store is None:
         raise InputError(f"share {number} of {count}: it needs a store, from which shares are merged")
     if plan.sweep.refinement is not None and plan.sweep.refinement.levels:
-        raise InputError("share: a refined sweep has none, for its results decide what is computed; run it whole")
+        raise InputError(
+            "share: a refined sweep has no shares, since its results decide what is computed; run it whole"
+        )
     if plan.manifest.fresh or plan.adoption is not None:
         raise InputError("share: only a whole run starts over or adopts; choose another folder for the shares")
     mine, manifest = computations(plan)[number - 1 :: count], plan.manifest
@@ -66,9 +68,9 @@ def share_of(plan: Planned, number: int, count: int) -> Planned:
 
 
 def merged(plan: Planned, files: Sequence[str | Path]) -> tuple[Planned, str]:
-    """A plan that computes nothing, of what is beside its file and others; and in a line what is missing."""
+    """A plan without computations for the stored shares; and a sentence on missing ones."""
     if plan.store is None:
-        raise InputError("merge: it needs a store, which is the file that the shares become")
+        raise InputError("merge: it needs a store, the file into which shares are merged")
     stores, sources, tokens = [Store(plan.store)], [*plan.sources], dict(plan.manifest.earlier)
     for store in (each for each in map(Store, files) if each.file != plan.store):
         for place in (store, *store.shares()):

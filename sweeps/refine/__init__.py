@@ -1,1 +1,1 @@
-"""Which points of a lattice are worth computing."""
+"""Refinement: the choice of points of a lattice that are computed."""

@@ -187,7 +187,7 @@ def classes(values: Values, rule: Refinement) -> Codes:
 
 
 def _near(dims: int, odd: Sequence[int], count: int) -> Iterator[tuple[slice, ...]]:
-    """Neighbours, by a step along each of `count` axes, of the points that are odd along the axes `odd` alone."""
+    """Neighbours, by a step along each of `count` axes, of points that are odd along just the axes `odd`."""
     moved = {-1: slice(0, -1, 2), 0: slice(1, None, 2), 1: slice(2, None, 2)}
     for axes, signs in product(combinations(odd, count), product((-1, 1), repeat=count)):
         steps = dict.fromkeys(odd, 0) | dict(zip(axes, signs, strict=True))

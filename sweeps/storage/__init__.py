@@ -1,1 +1,1 @@
-"""Files of a sweep: parts while it runs, one netCDF file at its end."""
+"""Files of a sweep: parts during a run, one netCDF file at its end."""

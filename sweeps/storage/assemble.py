@@ -31,7 +31,7 @@ Indices = NDArray[np.signedinteger[Any]]
 
 
 def open_netcdf(path: Path, **options: Any) -> xr.Dataset:
-    """Open a netCDF file, of which no variable is a date; a StoreError says what is wrong with it."""
+    """Open a netCDF file without decoding dates; a StoreError names its fault."""
     if not path.is_file():
         raise StoreError(f"{path} is not a regular file; {HINT_MOVE}")
     try:
@@ -47,7 +47,7 @@ def open_netcdf(path: Path, **options: Any) -> xr.Dataset:
 
 
 def present(variable: xr.Variable) -> NDArray[Any]:
-    """Values of a file's variable; an OSError if HDF5 does not find them, and fills in what no result has."""
+    """Values of a file's variable; an OSError if HDF5 cannot read them. Missing results are filled in."""
     from netCDF4 import default_fillvals  # slow, and not every command reads a file
 
     about, values = variable.attrs | variable.encoding, variable.values
@@ -75,7 +75,7 @@ class FileSource:
         return open_netcdf(self.path, cache=False, mask_and_scale=False)
 
     def coverage(self, manifest: Manifest) -> Coverage:
-        """The points that it has."""
+        """The points in the file."""
         rows = np.arange(self.grid.size)
         status, spent = self.read("status", rows), self.read("wall_time", rows)
         points = np.where((status == DONE) | (status == FAILED), manifest.grid.align(self.grid)(rows), -1)
@@ -99,7 +99,7 @@ class FileSource:
 
     @property
     def failures(self) -> dict[int, Failure]:
-        """Why rows failed."""
+        """The reasons why rows failed."""
         rows = np.flatnonzero(self.read("status", np.arange(self.grid.size)) == FAILED)
         errors = self.read("error", rows).tolist() if len(rows) else []
         reasons = {row: Failure(error) for row, error in zip(rows.tolist(), errors, strict=True)}
@@ -148,7 +148,7 @@ class Table:
             self._copy(manifest.representative)
 
     def _copy(self, representative: NDArray[Any]) -> None:
-        """Give results to the copies of points that have one, and successes to copies of failures."""
+        """Give results to copies of points with a result, and successes to copies of failures."""
         inside = representative >= 0
         for status, receivers in ((DONE, (PENDING, FAILED)), (FAILED, (PENDING,))):
             origins = np.flatnonzero((self.status == status) & inside)
@@ -164,7 +164,7 @@ class Table:
         self.status[skipped], self.source[skipped] = SKIPPED, -1
 
     def without(self, part: str) -> list[Source]:
-        """The sources that remain without the damaged ones and another part that turned out to be damaged."""
+        """The sources without the damaged ones and another part, which proved to be damaged."""
         return [source for source in self.sources if source.name not in (*self.damaged, part)]
 
     def values(self, name: str, points: slice) -> NDArray[Any]:
@@ -204,7 +204,7 @@ class Table:
                 yield self.sources[number], self.row[points[places]], places
 
     def reasons(self) -> dict[int, Failure]:
-        """Why points failed, by point."""
+        """The reasons why points failed, by point."""
         points, reasons = np.flatnonzero(self.status == FAILED), dict[int, Failure]()
         for source, rows, at in self._by_source(points):
             every = source.failures
@@ -291,7 +291,7 @@ def _lazy(table: Table, name: str) -> Any:
 
 
 def as_floats(values: NDArray[Any], variable: Variable) -> NDArray[Any]:
-    """Values as a reader of the file gets them: of integers floats, with NaN where the value is missing."""
+    """Values as a reader of the file gets them: integers become floats, with NaN for missing values."""
     if values.dtype.kind != "i":
         return values.astype(str) if values.dtype == object else values
     # Single precision represents every integer of 16 bits.
@@ -328,7 +328,7 @@ def attributes(described: Axis | Variable, name: str) -> dict[str, Any]:
 
 
 def restore_types(data: xr.Dataset) -> xr.Dataset:
-    """Replace the representation of bool and text variables in a file by variables of these types."""
+    """Replace the stored form of bool and text variables by these types."""
     error = data["error"]
     if error.dtype.kind == "S":
         texts = np.char.decode(error.values, "utf-8")

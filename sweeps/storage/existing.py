@@ -1,4 +1,4 @@
-"""The results that a store has, finished or not: runs resume them (`existing`), readers open them."""
+"""Stored results of a sweep, finished or not: runs resume them (`existing`), readers open them."""
 
 import json
 import operator
@@ -60,7 +60,7 @@ def extended(
 ) -> tuple[Existing, list[str]] | None:
     """The finished file of the sweep that lacks variables, and their names; None if more than code differs.
 
-    With `pending`, variables count as lacking of which the file has not all values.
+    With `pending`, variables also count as lacking if the file has not all their values.
     """
     with suppress(*UNREADABLE), open_netcdf(store.file, cache=False) as data:
         stored = json.loads(data.attrs["fingerprint"])
@@ -86,13 +86,13 @@ def _manifests(store: Store) -> list[tuple[Store, Manifest]]:
 
 
 def _combined(manifests: Sequence[tuple[Store, Manifest]]) -> Manifest:
-    """The first manifest, which knows the parts of all."""
+    """The first manifest, extended by the grids of all."""
     earlier = reduce(operator.or_, [each.grids for _, each in manifests])
     return replace(manifests[0][1], earlier=earlier)
 
 
 def check_replaceable(store: Store, name: str) -> None:
-    """Refuse to start over where that would destroy the results of anything but the sweep `name`."""
+    """Refuse to start over if that would destroy results of another sweep than `name`."""
     if store.file.exists():
         with open_netcdf(store.file, cache=False) as data:
             _check_name(store.file, data.attrs.get("sweep"), name)
@@ -119,14 +119,14 @@ def sources_of(store: Store, manifest: Manifest, *, strict: bool = False) -> lis
 
 
 def _check_name(place: Path, owner: str | None, name: str) -> None:
-    """Refuse the results of anything but the sweep `name`, which are never overwritten."""
+    """Raise a StoreError for results of another sweep than `name`, which are never overwritten."""
     if owner != name:
         whose = f"has the results of {owner}" if owner else "was not made by a sweep"
         raise StoreError(f"{place} {whose}; the results of {name} need another path")
 
 
 def _finished(store: Store, name: str, fingerprint: dict[str, Any], *, code: bool = True) -> Existing:
-    """A finished file."""
+    """The results in a finished file."""
     path = store.file
     with open_netcdf(store.file, cache=False) as data:
         _check_name(path, data.attrs.get("sweep"), name)
@@ -168,7 +168,7 @@ def open_results(path: str | Path) -> xr.Dataset:
 
 
 def opened(path: str | Path, *, load: bool = True) -> xr.Dataset:
-    """The same with the variables as the file represents them; without `load` only its status is read."""
+    """Like `open_results`, with variables in the form of the file; without `load` only the status is read."""
     store = Store(path)
     if store.is_unfinished():
         try:
@@ -198,7 +198,7 @@ def opened(path: str | Path, *, load: bool = True) -> xr.Dataset:
 
 
 def _loaded(data: xr.Dataset, path: Path, axes: Sequence[str]) -> xr.Dataset:
-    """A file with its variables in memory, of a large one the small ones; without `axes` with the status alone."""
+    """A file with its variables in memory, of a large file the small ones; without `axes` the status only."""
     at_once = bool(axes) and data.nbytes <= READ_AT_ONCE
     try:
         if at_once:
@@ -220,7 +220,7 @@ def _loaded(data: xr.Dataset, path: Path, axes: Sequence[str]) -> xr.Dataset:
 
 
 def _opened_parts(store: Store) -> xr.Dataset:
-    """The points that are finished so far; the others, and those of damaged parts, are pending."""
+    """The finished points of an unfinished run; other points, and those of damaged parts, are pending."""
     before = signature(store.file)
     manifest = unfinished(store)
     if manifest is None:

@@ -1,4 +1,4 @@
-"""The CF netCDF file of a sweep: written under a temporary name, with HDF5's checksums, and renamed."""
+"""The CF netCDF file of a sweep, written with checksums of HDF5 under a temporary name, then renamed."""
 
 import json
 from collections.abc import Callable
@@ -21,7 +21,7 @@ CHUNK_BYTES, MOST_CHUNK_BYTES = 1 << 18, 1 << 22
 
 
 def with_metadata(manifest: Manifest, data: xr.Dataset, derive: Derive | None, before: str = "") -> xr.Dataset:
-    """Add global attributes and derived variables; the history continues `before`."""
+    """Add global attributes and derived variables; the history continues that of `before`."""
     own, environments = {"source": "", **manifest.attributes}, json.loads(data.attrs["environments"])
     made = "; ".join(", ".join(map(" ".join, each.items())) for each in environments if each)
     added = f"{own.pop('extends')} added" if "extends" in own else ""
@@ -33,7 +33,7 @@ def with_metadata(manifest: Manifest, data: xr.Dataset, derive: Derive | None, b
 
 
 def write(store: Store, table: Table, derive: Derive | None) -> None:
-    """Write the file of a sweep and replace the previous one; an error of `derive` is raised when that is done."""
+    """Write the file of a sweep in place of the previous one; an error of `derive` is raised afterwards."""
     manifest, problem = table.manifest, None
     files = [source for source in table.sources if isinstance(source, FileSource)]
     data = assemble(table, lazy=True)

@@ -52,7 +52,7 @@ def pack(
 
 
 class Packed:
-    """An archive that `pack` made; arrays are read when they are needed. Damage raises one of UNREADABLE."""
+    """An archive written by `pack`; arrays are read on demand. Damage raises one of UNREADABLE."""
 
     def __init__(self, path: Path) -> None:
         check_regular(path)
@@ -80,7 +80,7 @@ class Packed:
 
 
 class Failure(NamedTuple):
-    """Why a point failed, where, and a line that computes it again."""
+    """The reason why a point failed, the point, and a command that computes it again."""
 
     error: str
     traceback: str = ""
@@ -107,7 +107,7 @@ class BatchResult:
         return len(self.wall_time)
 
     def coverage(self, manifest: "Manifest") -> Coverage:
-        """The points that it has."""
+        """The computed points."""
         failed = np.isin(np.arange(len(self)), list(self.failures))
         return self.points, failed, float(self.wall_time.sum()), len(self), [self.environment]
 
@@ -134,7 +134,7 @@ class PartWriter:
         self._lock = threading.Lock()
 
     def next_name(self) -> str:
-        """A name that no other part has, of this run or of one before."""
+        """A name that no part of this run or of an earlier one has."""
         self._last += 1
         return f"{self._last:06d}-{self._run}.part"
 
@@ -161,7 +161,7 @@ class PartWriter:
                 os.replace(temporary, path)
 
     def close(self) -> None:
-        """Accept no more parts: threads that a run gave up may still compute when the store is released."""
+        """Accept no more parts: abandoned threads may still compute when the store is released."""
         with self._lock:
             self._closed = True
 
@@ -198,7 +198,7 @@ class Manifest:
         return {token: self.grid.align(grid) for token, grid in self.grids.items()}
 
     def variable(self, name: str) -> Variable:
-        """One of the variables, or of those that every file has."""
+        """One of the variables, or of those common to all files."""
         return self.variables.get(name) or BOOKKEEPING[name]
 
     def shape(self, name: str) -> tuple[int, ...]:
@@ -271,7 +271,7 @@ class Manifest:
 
 @dataclass(frozen=True)
 class PartSource:
-    """A part on the disk as a source of results; methods raise a `DamagedError` if it is damaged or gone."""
+    """A part on the disk as a source of results; methods raise a `DamagedError` if it is damaged or missing."""
 
     folder: Path
     name: str
@@ -290,7 +290,7 @@ class PartSource:
             raise StoreError(f"{self.folder} is gone: the run has finished; open its results again") from None
 
     def coverage(self, manifest: Manifest) -> Coverage:
-        """The points that it has."""
+        """The points in the part."""
         header = self._read()
         alignment = manifest.alignments.get(header["manifest"])
         if alignment is None:
@@ -307,5 +307,5 @@ class PartSource:
 
     @property
     def failures(self) -> Mapping[int, Failure]:
-        """Why rows failed."""
+        """The reasons why rows failed."""
         return {int(row): Failure(*each) for row, each in self._read()["failures"].items()}

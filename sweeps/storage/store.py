@@ -67,7 +67,7 @@ def replacing(
 
 
 def _flush(path: Path, flags: int) -> None:
-    """Wait until a file or folder is on the disk, if the file system can."""
+    """Wait until a file or folder is on the disk, if the file system supports it."""
     try:
         descriptor = os.open(path, flags)
         try:
@@ -80,7 +80,7 @@ def _flush(path: Path, flags: int) -> None:
 
 
 def is_held(path: Path) -> bool | None:
-    """Whether somebody holds the lock of a file alone; None if there is no file, or it cannot be locked."""
+    """Whether a process holds the exclusive lock of a file; None without a file, or if it cannot be locked."""
     with suppress(OSError):
         check_regular(path)
         with open(path, "rb") as file:
@@ -96,13 +96,13 @@ def is_held(path: Path) -> bool | None:
 
 
 def check_regular(path: Path) -> None:
-    """Raise an `OSError` unless there is a regular file: opening a pipe would block."""
+    """Raise an `OSError` for anything but a regular file: opening a pipe would block."""
     if not stat.S_ISREG(os.stat(path).st_mode):
         raise OSError(errno.EINVAL, f"{path.name} is not a regular file")
 
 
 def check_trailer(path: Path) -> None:
-    """Raise a StoreError if an earlier version has written the CRC-32 of another content behind a file's own."""
+    """Raise a StoreError if the CRC-32 that an earlier version appended to a file does not match."""
     with open(path, "rb") as file:
         size = file.seek(0, os.SEEK_END) - len(TRAILER) - 8
         file.seek(max(size, 0))
@@ -150,7 +150,7 @@ class Store:
         return self.file.exists() or self.is_unfinished()
 
     def is_unfinished(self) -> bool:
-        """Whether a run, or shares, have parts."""
+        """Whether there are parts, of a run or of shares."""
         return any(each.manifest.is_file() for each in (self, *self.shares()))
 
     def part_names(self) -> list[str]:
@@ -164,13 +164,13 @@ class Store:
         return sorted(names, key=lambda name: int(name.partition("-")[0]))
 
     def version(self) -> tuple[Any, ...]:
-        """A value that changes whenever another run has written here; of a share, not by other shares."""
+        """A value that changes whenever another run has written here; that of a share ignores other shares."""
         if self.share is not None:
             return (*Store(self.file).version(), *self.part_names())
         return (*self.part_names(), *signature(self.file), *signature(self.manifest))
 
     def check_place(self, name: str) -> None:
-        """Refuse, before anything is read, a place that cannot have the results of sweep `name`."""
+        """Refuse, before anything is read, a place that cannot store the results of sweep `name`."""
         path = self.file
         try:
             self._check_parts()
@@ -196,7 +196,7 @@ class Store:
             raise StoreError(f"{self.parts} has {foreign}, which is not a run's; {HINT_MOVE}")
 
     def _foreign(self) -> str:
-        """The name of a file in the folder of parts that no run writes; "" if there is none."""
+        """The name of a file in the folder of parts that is not from a run; "" if there is none."""
         with suppress(FileNotFoundError, NotADirectoryError):
             return min((name for name in os.listdir(self.parts) if not LEFT.fullmatch(name)), default="")
         return ""
@@ -222,7 +222,8 @@ class Store:
     def locked(self) -> Iterator[None]:
         """Hold the lock, which the operating system releases if this process dies.
 
-        A whole run waits for no share that computes, nor a share for a whole run: the other one is a LockedError.
+        A whole run does not wait for a share that computes, nor a share for a whole run: the second gets a
+        LockedError.
         """
         try:
             self._check_parts()
@@ -251,7 +252,7 @@ class Store:
             lock.release()
 
     def is_locked(self) -> bool:
-        """Whether a run holds the lock now."""
+        """Whether a run holds the lock at present."""
         return bool(is_held(self.lock))
 
     def locked_error(self) -> LockedError:
@@ -267,7 +268,7 @@ def owner() -> dict[str, Any]:
 
 
 def write_state(file: Path, state: dict[str, Any]) -> None:
-    """Write the progress for other processes; a run does not fail if this does."""
+    """Write the progress for other processes; errors are ignored."""
     with suppress(OSError):
         temporary = file.with_name(f".{file.name}.tmp")
         temporary.write_text(json.dumps(state | {"written": time.time()}))
@@ -275,7 +276,7 @@ def write_state(file: Path, state: dict[str, Any]) -> None:
 
 
 def read_state(file: Path) -> dict[str, Any]:
-    """The progress that a run has written; empty if there is none."""
+    """The progress that a run has written; empty without a file."""
     try:
         check_regular(file)
         state = json.loads(file.read_text(encoding="utf-8"))

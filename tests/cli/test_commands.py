@@ -222,7 +222,7 @@ def test_options_win_over_a_file_and_a_draw_may_be_a_value(here, tmp_path):
 
 @pytest.mark.usefixtures("undrawn")
 def test_status_without_a_name_is_a_table_of_the_folder(here, own, folder):
-    assert here("status").stdout == "results has no result; begin with: fiv run fig5\n"
+    assert here("status").stdout == "results has no results; begin with: fiv run fig5\n"
     here("run", "own.py", "-q")
     here("run", "fig5", "--set", "mu=0.1,0.2", "-q")
     os.makedirs("results/broken")

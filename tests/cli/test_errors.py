@@ -22,6 +22,8 @@ TABLES = {
     "key.toml": "scater = {}\n",
     "large.toml": "set = {V = '1e-3:1e-2:10000000', mu = '0.1:0.3:8000000'}\n",
     "text.nc": "mine",
+    "takes.py": "from studies.study import Parameter, Study\ndef f(sped):\n    return {'y': sped}\n"
+    "STUDY = Study('takes', 'T', '', {'speed': Parameter([1.0, 2.0])}, {'y': ('1', '')}, f)\n",
     "raising.py": "raise RuntimeError('mine')",
 }
 WRONG = [
@@ -35,13 +37,17 @@ WRONG = [
     ("run fig5 --set tehta=8", "tehta: study fig5 has no such parameter; did you mean theta?"),
     ("run fig5 --set mu=-0.2", "mu = -0.2: it must be a number from 0 to"),
     ("run fig5 --set mu", "--set 'mu': it must be NAME=VALUE, for example mu=0:0.5:101"),
-    ("run fig5 --set p1_length=50 --strict", "p1_length = 50 m is unusual: 0.005 to 2 m is usual; mm without"),
+    (
+        "run fig5 --set p1_length=50 --strict",
+        "p1_length = 50 m is unusual: 0.005 to 2 m is usual; mm without the unit? --strict refuses unusual values",
+    ),
     ("plan scenes --set V=1e-3,2mm/s", "V = '1e-3,2mm/s': 1e-3 beside 2mm/s: write 1e-3mm/s, or 1e-3 m s-1; the"),
     ("plan scenes --record velocity_B --sample-rate 20km", "sample_rate = '20km': km is a length"),
     ("map --x theta --quantity growth_rate", "--x or --y 'theta': it must be NAME=VALUE"),
-    ("map --x theta=1:5:3 --quantity loud", "--quantity loud: there is none"),
+    ("map --x theta=1:5:3 --quantity loud", "--quantity loud: no such quantity"),
     ("map --x theta=1:5:3 --quantity growth_rate --fix nu=1", "--fix nu: growth_rate does not depend on it; did"),
-    ("report fig55", "no result 'fig55' in results, which has nothing; compute it with fiv run"),
+    ("report fig55", "no result 'fig55' in results, which is empty; compute it with fiv run"),
+    ("query mine", "no result 'mine'; the folder "),
     ("run scenes --set V=0", "V = 0: the drive must move; usual are 1e-07 to 0.5 m/s"),
     ("run scenes --set mu_static=0.3", "friction falls with the speed by kinetic_ratio"),
     ("run scenes --set intial=slip", "scenes has no such parameter; it has V, theta, mu"),
@@ -83,10 +89,15 @@ WRONG = [
     ("plan scenes --config large.toml", "grid = V 10000000 x theta"),
     ("run fig5 --scheduler cloud", "scheduler = 'cloud': it must be 'threads', 'sync', "),
     ("run fig5 --scheduler tcp://127.0.0.1:9 --workers 2", "--workers 2: the cluster at tcp://127.0.0.1:9"),
-    ("query fig5", "has no result; compute it with: fiv run fig5"),
+    ("query fig5", "results does not exist; name another one with --out; compute it with: fiv run fig5"),
+    ("run", "STUDY is missing: give a study, for example fig5, or your own file; fiv list names the studies"),
+    ("help run", "No such command 'help'. All of them: fiv --help; the options of one: fiv run --help"),
+    ("plan fig5 --set mu=0:0.5:0.01", "not '0.01'; for a step of 0.01 write 0:0.5:51; the forms are"),
+    ("plan fig5 --set mu=0:0.5:0.3", "from 1 to 10000000, not '0.3'; the forms are"),
     ("plot fig5 --out there", "compute it with: fiv run fig5 --out there"),
     ("query regmes", "no result 'regmes'; did you mean regimes?"),
     *((f"{name} text.nc", "text.nc is damaged or not netCDF") for name in ("plot", "query", "status")),
+    ("plan takes.py", "study takes: its function takes 'sped', which is no parameter; did you mean speed?"),
     ("run raising.py", "raising.py: it cannot be loaded: RuntimeError: mine"),
     ("plan fig5 --out ~nobody-of-this-name/place", "~nobody-of-this-name has no home folder"),
     ("plan fig5 --out \udcff", "it is no text in this system's encoding"),
@@ -128,6 +139,8 @@ def test_what_is_in_the_way_is_exit_3_and_stays(here, tmp_path, taken, said):
     done = here("run", "fig5", "--set", "mu=0.1,0.2", "-q")
     assert (done.returncode, done.stderr.count("\n")) == (3, 1)
     assert said in done.stderr
+    assert done.stderr.count("move it away") < 2
+    assert "keep both" not in done.stderr
     assert (tmp_path / taken).read_text() == "mine"
 
 
@@ -240,6 +253,9 @@ def test_a_refused_folder_comes_with_a_command_that_works(here):
     assert (done.returncode, offered.endswith("--out mu-0.1,0.2-theta-8")) == (3, True)
     assert here(*shlex.split(offered)).returncode == 0
     assert "for example" not in here("run", "fig5", "--set", "theta=8", "--out", "results").stderr
+    # So many modes more that outputs get another shape.
+    done = here("run", "fig5", "--set", "mu=0.1,0.2", "--set", "p1_length=6")
+    assert (done.returncode, "p1_length = 0.05 there, 6.0 here; choose" in done.stderr) == (3, True)
 
 
 @pytest.mark.parametrize(

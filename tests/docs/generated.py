@@ -126,7 +126,7 @@ QUESTIONS = (
         both_stable,
     ),
     Question("6. Which limit cycle is between the two?", "fiv run cycles", between),
-    Question("6. Which share of all starts vibrates there?", "fiv run basins", vibrating),
+    Question("6. Which fraction of all starts vibrates there?", "fiv run basins", vibrating),
     Question(
         "6. How strong a knock starts the vibration?",
         "fiv map --x mu=0.088:0.11:23 --quantity knock_threshold --fix V=2mm/s",

@@ -1,4 +1,4 @@
-"""What tests of back ends share."""
+"""Files and checks for tests of back ends."""
 
 import os
 
@@ -16,12 +16,12 @@ def simple(function, grid=None, **options):
 
 
 def visible(folder):
-    """The files in a folder but the empty one of the lock."""
+    """The files in a folder, without the empty lock file."""
     return [name for name in os.listdir(folder) if not name.endswith(".lock")]
 
 
 def assert_right(data, failed=(7.0,)):
-    """Whether a result of `sweep_programs.make` is that of its function, to the bit."""
+    """Check that a result of `sweep_programs.make` equals that of its function, to the bit."""
     x = data["x"].values
     is_failed = np.isin(x, failed)
     np.testing.assert_array_equal(data["status"], np.where(is_failed, FAILED, 1))

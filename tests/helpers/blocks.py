@@ -10,7 +10,7 @@ SCAN = 2e-3
 
 
 def chain(frequency=50.0, coupling=1.7, factors=(1.0, 1.1, 0.9)):
-    """Stiffness of blocks of mass 1, each held by a spring of that frequency, Hz, and coupled; their structure."""
+    """Stiffness of coupled blocks of mass 1, each on a spring of this frequency, Hz; and their structure."""
     c = len(factors)
     links = np.diag(np.r_[1.0, np.full(c - 2, 2.0), 1.0]) - np.eye(c, k=1) - np.eye(c, k=-1)
     K = (2.0 * np.pi * frequency) ** 2 * (np.eye(c) + coupling * links)
@@ -27,8 +27,8 @@ def chain(frequency=50.0, coupling=1.7, factors=(1.0, 1.1, 0.9)):
 def stick_times(K, V, static, kinetic, duration):
     """Times at which each block sticks again, s, from the start with the belt, all springs unloaded.
 
-    `static` and `kinetic` are the forces of friction on each, N. Blocks that slip move by the exact solution of
-    their linear equations beside those that stick, which move at V.
+    `static` and `kinetic` are the forces of friction on each block, N. Slipping blocks follow the exact solution
+    of their linear equations; sticking blocks move at V.
     """
     c, now = len(K), 0.0
     x, v, sticks, way = np.zeros(c), np.full(c, V), np.ones(c, dtype=bool), np.zeros(c)
@@ -52,7 +52,7 @@ def stick_times(K, V, static, kinetic, duration):
             return position, rate
 
         def left(t, sticks=sticks, way=way, state=state):
-            """What each block has left until it slips, N, or sticks, m/s."""
+            """The margin of each block before it slips, N, or sticks, m/s."""
             position, rate = state(t)
             return np.where(sticks, static - np.abs(K @ position), (V - rate) * way)
 

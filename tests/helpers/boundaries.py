@@ -49,7 +49,7 @@ def noise(seed, width, size=33, classes=3):
 
 
 def Rule(thresholds=(), tolerance=None, whole=False):
-    """The rule of a lattice that belongs to no sweep."""
+    """The rule of a lattice without a sweep."""
     return Refinement("", 0, tolerance, thresholds, whole=whole)
 
 
@@ -57,14 +57,14 @@ CLASSES = Rule(whole=True)
 
 
 def refine(sweep, store, *backend, **options):
-    """The refined sweep, planned and run."""
+    """Plan and run the refined sweep."""
     return sweep.plan(store, **options).run(*backend)
 
 
 def explored(truth, levels, rule, copies=None):
     """The refined map of a full one, its computed points, and the last choice of points.
 
-    As by a refined sweep, but without files.
+    It is computed as by a refined sweep, but without files.
     """
     truth = np.asarray(truth, dtype=float)
     computed = np.zeros(truth.shape, dtype=bool)
@@ -76,7 +76,7 @@ def explored(truth, levels, rule, copies=None):
 
 
 def edges(classes):
-    """Where neighbours differ: on a grid twice as fine, half-way between them."""
+    """Places where neighbours differ: on a grid twice as fine, midway between them."""
     changes = np.zeros([2 * n - 1 for n in classes.shape], dtype=bool)
     changes[1::2, ::2] = classes[1:] != classes[:-1]
     changes[::2, 1::2] = classes[:, 1:] != classes[:, :-1]
@@ -84,7 +84,7 @@ def edges(classes):
 
 
 def distances(one, other):
-    """From every boundary edge of one map to the nearest of the other, in cells, the larger along both axes."""
+    """Distances of one map's boundary edges to the other's nearest, in cells, the larger along both axes."""
     there = edges(np.asarray(other))
     if not there.any():
         return np.full(np.count_nonzero(edges(np.asarray(one))), np.inf)

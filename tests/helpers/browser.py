@@ -13,7 +13,7 @@ FLAGS = ("headless", "no-sandbox", "disable-gpu", "disable-background-networking
 
 
 def programs() -> list[str | None]:
-    """Chromium and its driver, None where one is missing."""
+    """Chromium and its driver; None for a missing one."""
     return [shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")]
 
 
@@ -41,7 +41,7 @@ def resize(driver: Any, width: int, height: int, colours: str = "light") -> None
 
 
 def load_axe(driver: Any) -> bool:
-    """Load axe-core into the page, and tell whether it is installed."""
+    """Load axe-core into the page; return whether it is installed."""
     package = find_spec("axe_playwright_python")  # it brings axe-core along; its import would need Playwright
     if package and package.origin:
         driver.set_script_timeout(120.0)

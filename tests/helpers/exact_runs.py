@@ -1,4 +1,4 @@
-"""Runs of method 'exact' that tests take to their end, and their counters."""
+"""Complete runs of method "exact", and their counters."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from fivcore.transient.statistics import ENERGIES
 
 
 def run_for(run):
-    """Take a run to its end."""
+    """Simulate a run to its end."""
     while not run.done:
         run.advance()
         assert run.flush(1e-150)

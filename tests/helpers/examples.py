@@ -1,4 +1,4 @@
-"""Examples that Hypothesis draws: the same each time, or with FIV_EXAMPLES=N others, N times as many."""
+"""Examples drawn by Hypothesis: the same each time, or with FIV_EXAMPLES=N different ones, N times as many."""
 
 import os
 
@@ -9,5 +9,5 @@ TIMES = int(os.environ.get("FIV_EXAMPLES", "1"))
 
 
 def examples(count):
-    """Draw so many examples for a test."""
+    """Set the number of examples of a test."""
     return settings(max_examples=count * TIMES)

@@ -1,4 +1,4 @@
-"""Whether anything in a figure is cut, or lies on something else, and whether it fits a page."""
+"""Detection of clipped and overlapping texts in a figure."""
 
 from io import BytesIO
 from itertools import combinations

@@ -1,6 +1,6 @@
-"""Finite-element models drawn at random, such as users bring: pins under arms, bars on beams, strips.
+"""Random finite-element models like those of users: pins under arms, bars on beams, strips.
 
-Steel to aluminium, 20 to 200 mm, 60 to 3 000 degrees of freedom; what touches leans by 2 to 20 degrees.
+Steel to aluminium, 20 to 200 mm, 60 to 3 000 degrees of freedom; the touching part leans by 2 to 20 degrees.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def element(length: float, angle: float, width: float, thickness: float, young: 
 
 
 def chain(beams: list[tuple[float, ...]], elements: int, held: list[int]) -> Any:
-    """Mass and stiffness of beams one after the other, without the degrees of freedom that are held."""
+    """Mass and stiffness of beams in a row, without the fixed degrees of freedom."""
     size = 3 * (len(beams) * elements + 1)
     whole = np.zeros((2, size, size))
     for number, (length, *rest) in enumerate(beams):
@@ -47,7 +47,7 @@ KINDS = ("pin under an arm", "bar on a beam", "strip")
 
 
 def model(seed: int) -> tuple[Any, Any, dict[str, Any]]:
-    """Mass and stiffness, sparse, and the rest of what `Structure.from_matrices` takes; KINDS take turns."""
+    """Mass and stiffness, sparse, and the other arguments of `Structure.from_matrices`; KINDS take turns."""
     rng = np.random.default_rng(seed)
 
     def beam(low: float, high: float, slender: tuple[float, float], angle: float) -> tuple[float, ...]:

@@ -1,7 +1,7 @@
-"""The rig written a second time, plainly: global finite elements and dense algebra, nothing of fivcore's.
+"""A second, plain implementation of the rig: global finite elements and dense algebra, without fivcore.
 
-Both beams are assembled node by node in x, y and rotation. `scalar` chooses the arithmetic: float, NumPy's
-longdouble, or mpmath's mpf for a small mesh, whose arrays hold objects.
+Both beams are assembled node by node in x, y and rotation. `scalar` is the arithmetic: float, NumPy's longdouble,
+or mpmath's mpf for a small mesh, whose arrays contain objects.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def assemble(rig: Any, theta: float, scalar: Any = float) -> tuple[Any, Any, Any
 
 
 def _sliding(rig: Any, theta: float, mu: float, scalar: Any) -> tuple[np.ndarray, np.ndarray]:
-    """K and M of steady sliding, the constraint eliminated from both sides."""
+    """K and M of steady sliding, with the constraint eliminated from both sides."""
     k, m, normal, tangential = assemble(rig, theta, scalar)
     force = normal + scalar(mu) * tangential
     return _without(_without(k, normal).T, force).T, _without(_without(m, normal).T, force).T
@@ -80,11 +80,11 @@ def _sliding(rig: Any, theta: float, mu: float, scalar: Any) -> tuple[np.ndarray
 
 @one_blas_thread
 def sliding_eigenvalues(rig: Any, theta: float, mu: float) -> np.ndarray:
-    """Undamped eigenvalues lambda of steady sliding (mu < 0: the other way), those of K^-1 M, dense.
+    """Undamped eigenvalues lambda of steady sliding (reverse sliding for mu < 0), those of K^-1 M, dense.
 
-    Cholesky or LU of K costs digits in proportion to its condition. Each eigenvalue is therefore read a
-    second time from its left and right vectors by a Rayleigh quotient of matrices in extended precision,
-    whose error is the square of the vectors'. That product is slow, and made for modes below `REFINED` only.
+    Cholesky or LU of K loses digits in proportion to its condition. Each eigenvalue is therefore computed again
+    from its left and right vectors by a Rayleigh quotient of matrices in extended precision, whose error is the
+    square of the vectors'. That product is slow, and computed for modes below `REFINED` only.
     """
     kk, mm = _sliding(rig, theta, mu, np.longdouble)
     stiffness, mass = kk.astype(float), mm.astype(float)
@@ -128,7 +128,7 @@ def _without(matrix: np.ndarray, row: np.ndarray) -> np.ndarray:
 
 
 def _refined(k: np.ndarray, m: np.ndarray, plain: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Eigenvalues by Rayleigh quotients, but where the vectors are too poor for that."""
+    """Eigenvalues by Rayleigh quotients, except where the vectors are too inaccurate."""
     low = np.flatnonzero(np.abs(plain) < REFINED)
     y, x = left[:, low], right[:, low]
     quotients = (np.sum(y * (k @ x), axis=0) / np.sum(y * (m @ x), axis=0)).astype(plain.dtype)

@@ -1,4 +1,4 @@
-"""Rigs that are not the paper's: what a workshop might build, strategies, and scenes that vibrate."""
+"""Other rigs than the paper's: rigs within workshop tolerances, strategies, and scenes that vibrate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two runs compared bit for bit."""
+"""Comparison of two runs bit for bit."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ def assert_same_summary(one, other):
 
 
 def assert_same_run(one, other):
-    """The scene, every series and every figure."""
+    """Check scene, all series and all statistics."""
     assert one.scene == other.scene
     for name in SERIES:
         assert np.array_equal(getattr(one, name), getattr(other, name)), name

@@ -1,4 +1,4 @@
-"""Rigs like the paper's with every number scattered, as `flutter_onsets_many` takes them and one at a time."""
+"""Rigs like the paper's with scattered numbers, for `flutter_onsets_many` and one at a time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from fivcore.stability.many import BEAM, OWN
 
 
 def scattered(n: int, seed: int = 0, width: float = 0.2) -> dict[str, np.ndarray]:
-    """Every number within `width` of the paper's, and theta from -20 to 40 degrees."""
+    """Numbers within `width` of the paper's, and theta from -20 to 40 degrees."""
     rng, rig = np.random.default_rng(seed), Rig()
     middle = {name: getattr(rig, name) for name in OWN}
     middle |= {f"{beam}_{name}": getattr(getattr(rig, beam), name) for beam in ("p1", "p2") for name in BEAM}

@@ -23,7 +23,7 @@ def drawn(seed, c=None, **given):
 
 
 def repeated(own, count=2):
-    """A structure whose contact is there several times."""
+    """A structure with several copies of its contact."""
     rows = {name: np.stack([getattr(own, name)] * count) for name in ("normal", "tangential")}
     wider = own.wider and repeated(own.wider, count)
     given = {"struck": rows["normal"], "gap": np.zeros(count), "friction": np.ones(count)}
@@ -48,9 +48,9 @@ def free_beam(beam):
 
 
 def two_beams(c, fine=1, **given):
-    """Two beams that lie on each other, the lower one clamped, touching at c nodes along the upper one.
+    """Two beams in contact at c nodes along the upper one; the lower one is clamped.
 
-    Their elements are `fine` times as many as 30 and 18.
+    They have `fine` times 30 and 18 elements.
     """
     low = Beam(0.15, 0.015, 0.003, 185e9, 7900.0, 30 * fine)
     top = Beam(0.09, 0.015, 0.0015, 185e9, 7900.0, 18 * fine)

@@ -8,7 +8,7 @@ from fivcore.transient.statistics import SLIP
 
 
 def sliding_state(rig, theta, mu, V, F, pair=0, size=0.0):
-    """Steady sliding and a multiple of an unstable mode, and that mode's exponent; ramp = 0."""
+    """State of steady sliding plus a multiple of an unstable mode, and that mode's exponent; ramp = 0."""
     model, modes = full_model(rig, theta), sliding_modes(rig, theta, mu)
     elastic = model.stiffness > 0.0
     force = model.normal + mu * model.tangential

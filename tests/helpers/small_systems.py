@@ -1,4 +1,4 @@
-"""A few modes and a contact given as plain arrays, moved by the three methods that move the rig."""
+"""Systems of a few modes and a contact as plain arrays, simulated by the three methods."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -28,7 +28,7 @@ SAMPLED = 10
 class System:
     """Modes of unit mass under constant forces f, their gap shapes, and the contact element (K, C), if any.
 
-    The load presses with one newton: a mode without stiffness must carry it, f = -normal.
+    The load is one newton: a mode without stiffness must carry it, f = -normal.
     """
 
     k: Any
@@ -65,7 +65,7 @@ def fill(record, **given):
 
 
 class Fast:
-    """A system under way by the kernel of `fast`."""
+    """A running simulation of a system by the kernel of `fast`."""
 
     def __init__(self, system, step):
         self.model, self.step = system.model, step
@@ -94,7 +94,7 @@ class Fast:
         return a * x + b * v, c * x + d * v
 
     def run(self, steps):
-        """Go on; returns a record of each step."""
+        """Continue; return a record of each step."""
         record, now = self.record, int(self.record["now"][0])
         last = now + steps
         fill(record, last=last, next_row=now, row_every=1, stick_room=steps, samples=0, rows=0, sticks=0)
@@ -117,19 +117,19 @@ class Fast:
         return self._state()[0] + self.model.static_equilibrium
 
     def energy(self):
-        """Of modes, load and element."""
+        """Energy of modes, load and element."""
         model, u = self.model, np.array([self.record["u_N"][0], self.record["u_T"][0]])
         (x, v), K = self._state(), self.solver.contact.stiffness
         return 0.5 * np.sum(v**2 + model.stiffness * x**2) + model.normal @ x + 0.5 * u @ K @ u
 
     def imbalance(self):
-        """Work in less what is stored, damped, rubbed, and lost in termination and impacts."""
+        """Work of the drive less stored energy and dissipation by damping, friction, termination and impacts."""
         work, *lost = (float(self.record[name][0]) for name in ENERGIES)
         return work + self.first - self.energy() - sum(lost)
 
 
 def by_fast(system, duration, step, every=8):
-    """Times and displacements every so many steps, and the record of all."""
+    """Times and displacements at intervals of some steps, and the record of all steps."""
     run, times, places, rows = Fast(system, step), [], [], []
     for _ in range(int(duration / step / every)):
         rows.append(run.run(every))
@@ -139,7 +139,7 @@ def by_fast(system, duration, step, every=8):
 
 
 def by_exact(system, duration, step, every=8):
-    """From event to event; it reads its model from a rig, for which the system stands in."""
+    """Simulation from event to event; the system replaces the rig from which the method reads its model."""
     speed = system.V if system.V else 1e-300
     scene = Normalised(Rig(), 0.0, speed, system.mu, 1.0, 1.0)
     given = {"initial": State(system.q, system.v, system.contact), "ramp": 0.0, "settle": 0.0, "step": step}

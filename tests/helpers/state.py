@@ -1,4 +1,4 @@
-"""What functions of tests note or are told, which is no part of their code: it cannot be compared."""
+"""State shared with functions of tests, which does not count as their code since it cannot be compared."""
 
 
 class _State:
@@ -7,12 +7,12 @@ class _State:
 
 
 class Log(_State, list):
-    """What was computed."""
+    """A log of computed points."""
 
 
 class Told(_State, dict):
-    """What decides what happens."""
+    """Instructions for a function."""
 
 
 class Chosen(_State, set):
-    """Points of a kind."""
+    """A set of points."""

@@ -1,4 +1,4 @@
-"""Random structures, the paper's rig by its matrices, and sets of exponents that are compared."""
+"""Random structures, the paper's rig from its matrices, and comparison of sets of exponents."""
 
 from dataclasses import replace
 

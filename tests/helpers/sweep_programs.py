@@ -19,9 +19,10 @@ from tests import HOME
 
 
 def powers(points, log, pause, long, parent, deadly):
-    """Squares and cubes, told to a log as they are begun.
+    """Squares and cubes, logged at their start.
 
-    Seven fails, a deadly point ends its worker, and those from four on, which are not probed, may be long.
+    The point seven fails, a deadly point ends its worker, and points from four on, which are not probed, may take
+    long.
     """
     x = points["x"]
     if os.getpid() != parent and np.any(x == deadly):
@@ -49,7 +50,7 @@ def make(points=60, log="", pause=0.0, long=0.0, parent=0, deadly=-1.0):
 
 
 def finished_points(store):
-    """The points that need not be computed again."""
+    """The points that need no further computation."""
     try:
         data = open_results(store.file)
     except FileNotFoundError:
@@ -58,14 +59,14 @@ def finished_points(store):
 
 
 def end(process):
-    """Kill a program with all that it has started."""
+    """Kill a program with all its child processes."""
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL) if os.name == "posix" else process.kill()
     process.communicate()
 
 
 def start(**told):
-    """This program as the leader of a process group."""
+    """Start this program as the leader of a process group."""
     path = os.pathsep.join([str(HOME), os.environ.get("PYTHONPATH", "")])
     return subprocess.Popen(
         [sys.executable, "-m", "tests.helpers.sweep_programs", json.dumps(told, default=str)],
@@ -87,7 +88,7 @@ def wait_for(process, word):
 
 
 def main(told):
-    """Plan and run; one line for each thing that happens."""
+    """Plan and run; print a line for each event."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     batches.BATCH_BYTES = 1.0  # a batch is one point, however short it is
     wanted = {key: told[key] for key in ("points", "log", "pause", "long") if key in told}

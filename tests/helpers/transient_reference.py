@@ -1,8 +1,8 @@
-"""The published scheme a second time: finite-element coordinates, dense matrices, one plain loop.
+"""A second, plain implementation of the published scheme: finite-element coordinates, dense matrices, one loop.
 
-Section 3.3 of the paper with beta2 in both of its places and damping implicit: Newmark's method with
-beta = 0 and gamma = beta2, contact by Lagrange multipliers at the end of each step, simplified Prakash-Clifton
-friction. Of fivcore's only the arguments are used, and, to carry a state across, the shapes of the modes.
+Section 3.3 of the paper with beta2 in both of its places and damping implicit: Newmark's method with beta = 0 and
+gamma = beta2, contact by Lagrange multipliers at the end of each step, simplified Prakash-Clifton friction. Of
+fivcore only the arguments are used, and the shapes of the modes to transfer a state.
 """
 
 from types import SimpleNamespace
@@ -55,10 +55,10 @@ def clamp(t: float, V: float, ramp: float) -> float:
 def published_scheme(
     fe: Any, scene: Any, ramp: float, q: np.ndarray, v: np.ndarray, contact: int, steps: int, dt: float
 ) -> SimpleNamespace:
-    """What every step left behind, from displacements q and velocities v (of P2 relative to its clamp).
+    """State and forces after each step, from displacements q and velocities v (of P2 relative to its clamp).
 
-    The first prediction needs an acceleration: that of the load and the structure alone, without the drive's; for
-    surfaces that touch with the force that keeps the gap from accelerating, and where they slip its friction.
+    The first prediction needs an acceleration: that by the load and the structure alone, without the drive; for
+    touching surfaces with the force that prevents an acceleration of the gap, and where they slip its friction.
     """
     V, mu, F, b, r = scene.V, scene.mu, scene.F, 0.8, dt / 1e-7
     GN, GT = fe.normal, fe.tangential

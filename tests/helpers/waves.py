@@ -1,4 +1,4 @@
-"""Sweeps to store, resume, grow and refine: what they compute is logged, and points can be made to fail."""
+"""Sweeps to store, resume, grow and refine; computed points are logged, and points can be made to fail."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Windows as far as it can be imitated: what it does to files that are open, to folders and to locks."""
+"""An imitation of Windows: its treatment of open files, folders and locks."""
 
 import errno
 import os

@@ -300,7 +300,7 @@ def test_a_watched_page_is_written_when_its_results_change_and_served_to_this_ma
     told = watch_by(look, look, more, look)
     assert seen[0] == seen[1]
     assert [b"23 done" in whole for whole, _ in seen] == [False, False, True]
-    assert told[0] == f"{tmp_path} has no result yet; waiting for the first"
+    assert told[0] == f"{tmp_path} has no results yet; waiting for the first"
     assert len(told) == len(set(told))
 
 
@@ -347,7 +347,7 @@ def test_results_of_rigs_stand_under_their_names_with_their_numbers(tmp_path):
 
 def test_refusals(folder, tmp_path):
     (tmp_path / "bad").mkdir()
-    for out, what in ((tmp_path / "nodir", "does not exist"), (tmp_path, "has no result")):
+    for out, what in ((tmp_path / "nodir", "does not exist"), (tmp_path, "has no results")):
         with pytest.raises(InputError, match=f"{out.name}: the folder {what}; begin with: fiv run fig5 --out"):
             page.write((), out, None, pytest.fail)
     assert [each.name for each in tmp_path.iterdir()] == ["bad"]

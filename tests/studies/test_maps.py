@@ -135,8 +135,8 @@ def test_every_map_has_its_figure_and_nothing_is_clipped(case):
 @pytest.mark.parametrize(
     ("how", "message"),
     [
-        ({"quantities": "growth"}, "quantity growth: there is none; did you mean growth_rate"),
-        ({"quantities": "loudness"}, "quantity loudness: there is none; choose from growth_rate"),
+        ({"quantities": "growth"}, "quantity growth: no such quantity; did you mean growth_rate"),
+        ({"quantities": "loudness"}, "quantity loudness: no such quantity; choose from growth_rate"),
         ({"quantities": "regime,onset_mu"}, "regime and onset_mu need different computations"),
         ({"x": "thata=0:10:3"}, "x thata: growth_rate does not depend on it; did you mean theta"),
         ({"quantities": "onset_mu"}, "y mu: onset_mu does not depend on it"),

@@ -61,7 +61,7 @@ def test_a_known_rig_is_found_again(fitted):
         assert middle == pytest.approx(value, rel=0.02)
         assert high - low < 0.1 * np.ptp(presentation.parts(data)[0][name].ppf([0.05, 0.95]))
     text = data.fiv.summary()
-    assert "The data say nothing of: d1." in text
+    assert "The data do not constrain d1." in text
     assert "64 draws in 2 rounds count like" in text
     assert "No draw meets" not in text
 
@@ -131,7 +131,9 @@ def test_a_prior_that_no_draw_survives_is_one_line_and_leaves_nothing(tmp_path):
     """At negative angles nothing flutters."""
     onset = [{"output": "onset_mu", "value": 0.1, "within": 0.01}]
     stated = {"set": {"theta": -5} | COARSE, "unknown": PRIORS, "target": onset}
-    with pytest.raises(InputError, match="no draw of 8 survives: onset_mu never has a value or holds; change"):
+    with pytest.raises(
+        InputError, match="no draw of 8 survives: no draw gives a value of onset_mu, or fulfils it; change"
+    ):
         studies.fit(stated, samples=8, rounds=1, out=tmp_path)
     assert not list(tmp_path.rglob("*.nc"))
     assert not list(tmp_path.rglob("*.png"))

@@ -202,7 +202,7 @@ BAD = {
     "constant": (csv(0.0 * TONE + 3.0), "", "channel v: it is constant, 3; choose"),
     "several": (csv(np.c_[TONE, TONE], "t,v [g],w [g]"), "", "--channel missing: .* has 1 .v., 2 .w.; give one"),
     "unknown": (csv(TONE), "--channel z", "--channel = z|--channel z: .* has 1 .v.; give one"),
-    "no unit": (csv(TONE, "t,v"), "", "--unit missing: .* has none; give mm/s, or 50mm/s"),
+    "no unit": (csv(TONE, "t,v"), "", "--unit missing: .* names none; give mm/s, or 50mm/s"),
     "no rate": (lambda path: text(path, TONE[:, None]), "--unit g", "--rate missing: .*; give it in Hz, such as"),
     "rate": (csv(TONE), "--rate 0", "--rate 0: it must be above 0 Hz"),
     "speed": (csv(TONE), "--rate 5mm/s", "mm/s is a speed; rate is a rate: 5kHz"),

@@ -84,9 +84,7 @@ def test_processes_unpack_a_task_once_and_write_their_parts(path, monkeypatch):
 def test_a_broken_executor_is_named_and_the_same_run_resumes(path, tmp_path):
     log = tmp_path / "log"
     sweep = make(points=40, log=log, parent=os.getpid(), deadly=22.0)
-    message = (
-        r"^ProcessPoolExecutor is broken, for a worker has died; the same run continues from what is stored; a"
-    )
+    message = r"^ProcessPoolExecutor is broken, since a worker died; the same run continues from what is stored; a"
     with COPIES() as pool, pytest.raises(ClusterLostError, match=message):
         sweep.plan(path).run(pool)
     plan = sweep.plan(path)
