@@ -29,7 +29,7 @@ from tests import HOME
 from tests.docs import first_time, generated, readmes
 
 # A study of one's own, a run under SLURM.
-(STUDY,) = readmes.blocks("python", "studies/README.md")
+(STUDY,) = (block for block in readmes.blocks("python", "studies/README.md") if "STUDY = Study(" in block)
 (SLURM,) = (block for block in readmes.blocks("python", "sweeps/README.md") if "SLURMCluster" in block)
 FIRST, TEST = readmes.blocks("sh", "README.md")[:2]
 ANSWERS = [each.command for each in generated.QUESTIONS]
