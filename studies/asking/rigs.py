@@ -182,6 +182,10 @@ def define(
     if name in taken or name in TAKEN:
         what = "a study" if name in taken else "a folder of the results"
         raise InputError(f"rig {name!r}: {what} has this name; choose another, such as my_{name}")
+    if re.fullmatch("(?i)con|prn|aux|nul|(com|lpt)[0-9]", name):
+        raise InputError(f"rig {name!r}: Windows has no folder of this name; choose another, such as my_{name}")
+    if other := [each for each in names(out) if each != name and each.casefold() == name.casefold()]:
+        raise InputError(f"rig {name!r}: it differs from {other[0]!r} in capitals only; choose another name")
     root = results.results_folder(out)
     folder = root / name
     if results.is_own(root) or results.is_own(root.parent):

@@ -113,6 +113,8 @@ def test_a_structure_needs_no_other_file(here):
         ("rig fig5 --set d1=40", "a study has this name; choose another, such as my_fig5"),
         *((f"rig {name} --set d1=40", "has this name; choose") for name in ("reference", "map", "rig")),
         ("rig paper --set d1=40", "it is the paper's rig; choose another name"),
+        ("rig NUL --set d1=40", "Windows has no folder of this name; choose another, such as my_NUL"),
+        ("rig Mine --set d1=40", "it differs from 'mine' in capitals only; choose another name"),
         ("rig a.b --set d1=40", "a name has letters, digits, _ and -, and no suffix or slash"),
         ("rig other --set p1_length=60,5mm", "with a decimal point: p1_length=60.5mm"),
         ("rig other --set p1_lenght=60mm", "did you mean p1_length?"),
