@@ -200,7 +200,7 @@ def _of_several(
     phi = np.full((mu.size, max(map(len, found), default=0)), complex(np.nan, np.nan))
     for row, values in zip(phi, found, strict=True):
         row[: len(values)] = 2.0 * np.pi * band * values
-    phi = phi.reshape(*mu.shape, -1)
+    phi = phi.reshape(*mu.shape, phi.shape[1])
     rates = phi.imag / (2.0 * np.pi), phi.real.copy()
     return SlidingModes(
         *rates, -(phi**2), np.zeros(phi.shape, dtype=bool), theta, mu, band, own, friction, V, F

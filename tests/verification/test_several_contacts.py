@@ -444,3 +444,17 @@ def test_power_is_lost_at_the_velocity_in_the_middle_of_an_impulse():
     v, push, output, damping = np.random.default_rng(0).random((4, 5))
     mean = v + 0.5 * push
     assert observe(output, damping, v, push) == pytest.approx((output @ mean, damping @ mean**2), rel=1e-12)
+
+
+def test_a_rigid_contact_among_several_slips_with_the_friction_of_its_speed():
+    law, mu = Friction(0.0, 0.05), 0.3
+    own = Structure.from_modes([0.0, 1.59], [[1.0, 0.0]], [[0.0, 1.0]], load=[-1.0, 0.0], gap=1e-9)
+    given = {"initial": State(np.zeros(2), np.array([0.0, -0.1]), SLIP, True), "step": 1e-3, "settle": 0.0}
+    found = simulate(Scene(1e-9, 0.0, mu, 1.0, own, law), 0.05, **given, record=True, sample_rate=None)
+    assert np.all(found.contact_state == SLIP)
+    ratio = np.array([law.ratio(v) for v in found.contact_slip_velocity[:, 0]])
+    np.testing.assert_allclose(found.tangential_force, mu * ratio * found.normal_force, rtol=1e-6)
+
+
+def test_where_no_friction_is_given_there_are_no_modes():
+    assert sliding_modes(drawn(2), 0.0, []).frequency.shape == (0, 0)

@@ -234,7 +234,9 @@ def gauss_seidel(law: Any, motion: Any, b: Any, sweeps: int) -> float:
             if law.falls and not (sticks and was[i] == STICK):
                 # The slip rate is (A f - b)_T / late in units of the matrix; if stick and slip are both possible,
                 # slip continues.
-                ahead, mobility = per * way * (rest_T - tn * rest_N / nn), per * (tt - tn * nt / nn)
+                # Rigid contact sticks by another rate than that at which it slips.
+                own = -motion.work[1][t] / law.unit - b[t] if law.rigid else 0.0
+                ahead, mobility = per * way * (rest_T + own - tn * rest_N / nn), per * (tt - tn * nt / nn)
                 speed, ratio = slip_speed(-way * slip[i], ahead, mobility, rest_N, nn, -way * nt, mu[i], law.law)
                 sticks = sticks and speed < 0.0
             if not sticks:
