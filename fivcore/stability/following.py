@@ -267,6 +267,10 @@ def _links(pairs: Sequence[tuple[Any, Any]]) -> list[Any]:
         if len(one.phi) == len(other.phi):
             groups.setdefault(len(one.phi) if isinstance(one, _BySlope) else -k - 1, []).append(k)
     for size, at in groups.items():
+        if not len(pairs[at[0]][0].phi):
+            for k in at:
+                found[k] = np.empty(0, dtype=np.intp)
+            continue
         cost = _costs(
             *(_stacked([pairs[k][side] for k in at]) if size > 0 else pairs[at[0]][side] for side in (0, 1))
         )

@@ -199,3 +199,10 @@ def test_models_that_cannot_be_compared_are_refused():
     for values in ([], [1.0, 1.0], [[1.0]], [0.0, 2.0, 1.0]):
         with pytest.raises(InputError, match="values"):
             modes_along(lambda theta: (Rig(), theta, 0.1), values)
+
+
+@pytest.mark.parametrize("count", [1, 2, 51])
+def test_a_band_without_modes_has_none_to_follow(count):
+    mu = np.linspace(0.0, 0.5, count)
+    assert followed_modes(Rig(), 5.0, mu, 10.0).frequency.shape == (count, 0)
+    assert modes_along(lambda theta: (Rig(), theta, 0.2), mu, 10.0).frequency.shape == (count, 0)
