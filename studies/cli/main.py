@@ -110,7 +110,7 @@ def _code_of(problem: Exception) -> int:
             if name == "help" and sys.argv[2:]:
                 text += f"; the options of one: fiv {sys.argv[2]} --help"
         if text == "Missing argument 'STUDY'.":
-            text = "STUDY is missing: give a study, for example fig5, or your own file; fiv list names the studies"
+            text = "STUDY is missing: give a study that fiv list names, or your own file"
         if "extra argument" in text and "=" in text:
             text += "; a value needs --set before it, or --fix for a map"
     elif isinstance(problem, MemoryError):

@@ -74,7 +74,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     """The number of scenes in each regime, and a table of the first scenes."""
     numbers = np.bincount(regimes.kinds(dataset).ravel(), minlength=len(regimes.KINDS))
     counts = ", ".join(f"{n} {kind}" for n, kind in zip(numbers, regimes.KINDS, strict=True) if n)
-    yield f"{numbers.sum()} scene{'s' * (numbers.sum() != 1)}, {regimes.damping_text(dataset)}: {counts}."
+    yield f"{numbers.sum()} scene{'s' * int(numbers.sum() != 1)}, {regimes.damping_text(dataset)}: {counts}."
     points = dataset[[*COLUMNS, "status"]].stack(point=dataset["status"].dims, create_index=False)
     table = labels.frame(points.isel(point=slice(MOST_ROWS)), COLUMNS, along="point")
     table.columns = [str(head).replace("_fraction", "").replace("velocity_rms", "RMS") for head in table]

@@ -90,7 +90,7 @@ WRONG = [
     ("run fig5 --scheduler cloud", "scheduler = 'cloud': it must be 'threads', 'sync', "),
     ("run fig5 --scheduler tcp://127.0.0.1:9 --workers 2", "--workers 2: the cluster at tcp://127.0.0.1:9"),
     ("query fig5", "results does not exist; name another one with --out; compute it with: fiv run fig5"),
-    ("run", "STUDY is missing: give a study, for example fig5, or your own file; fiv list names the studies"),
+    ("run", "STUDY is missing: give a study that fiv list names, or your own file"),
     ("help run", "No such command 'help'. All of them: fiv --help; the options of one: fiv run --help"),
     ("plan fig5 --set mu=0:0.5:0.01", "not '0.01'; for a step of 0.01 write 0:0.5:51; the forms are"),
     ("plan fig5 --set mu=0:0.5:0.3", "from 1 to 10000000, not '0.3'; the forms are"),

@@ -166,7 +166,7 @@ def test_plain_lines_report_progress_where_there_is_no_terminal(here, own, monke
 
 
 @pytest.mark.parametrize(
-    ("options", "often"), [("", "in every run, for no folder"), ("cache=True", "once for this")]
+    ("options", "often"), [("", "in every run, since no folder"), ("cache=True", "once for this")]
 )
 def test_compiling_is_announced_once_and_how_often_it_happens(here, own, options, often):
     kernels = (

@@ -73,7 +73,7 @@ def test_a_refined_map_and_a_folder_without_shares_are_refused(own, here):
     refined = ("map", "--x", "theta=0:8:5", "--y", "mu=0:0.4:5", "--quantity", "growth_rate", "--refine", "1")
     done = here(*refined, "--share", "1/2")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "a refined sweep has none" in done.stderr
+    assert "a refined sweep has no shares" in done.stderr
     done = here("merge", "own.py", "nowhere")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "own.py: no share of it in" in done.stderr

@@ -283,7 +283,7 @@ def test_only_parameters_of_a_structure_are_named(here, pin, words):
 @pytest.mark.parametrize("study", ["table4", "fig7", "table6", "robust", "stress"])
 def test_what_needs_the_beams_says_so(here, pin, study):
     done = here("plan", study, "--rig", "pin.toml")
-    assert (done.returncode, done.stderr.count("\n"), "needs the paper's beams" in done.stderr) == (2, 1, True)
+    assert (done.returncode, done.stderr.count("\n"), "is about the paper's beams" in done.stderr) == (2, 1, True)
 
 
 def test_a_study_builds_its_structure_with_scikit_fem(here, tmp_path, forgetful, undrawn):

@@ -33,10 +33,10 @@ def test_stable_and_unstable_cycles_meet_where_hysteresis_begins(damped):
     assert np.isfinite(point["knock_threshold"]).sum() == 1
     said = " ".join(summary.text(summary.parts(registry.load("cycles"), damped)).split())
     for part in (
-        "stable ones from",
-        "unstable ones from 0.10356",
-        "onset of flutter at 0.11223",
-        "runs up and down",
+        "stable ones exist from",
+        "unstable ones exist from 0.10356",
+        "flutter begins at 0.11223",
+        "upward and downward runs",
     ):
         assert part in said
 

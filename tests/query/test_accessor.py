@@ -53,7 +53,7 @@ def test_what_the_file_lacks_is_never_the_papers(name):
     at = {each: value for each, value in (("V", 1e-3), ("p1_length", 0.06)) if each != name}
     data = result().drop_vars(name)
     for method in (data.fiv.scene, data.fiv.rig)[: 1 + (name in RIG)]:
-        with pytest.raises(InputError, match=f"^{name}: the file does not have it"):
+        with pytest.raises(InputError, match=f"^{name}: it is not in the file"):
             method(**at)
 
 

@@ -18,7 +18,7 @@ from tests.helpers.backends import assert_right, simple, visible
 from tests.helpers.sweep_programs import end, finished_points, make, start, wait_for
 from tests.helpers.waves import stop_after
 
-SIZES = [{"BATCH_BYTES": 1.0}, {"GROWTH": 2, "SHORTEST": 1e-4}, {"BATCH_SECONDS": 1e-6}, {"PLACES": 1}]
+SIZES = [{"BATCH_BYTES": 1.0}, {"GROWTH": 2, "SHORTEST": 1e-4}, {"BATCH_SECONDS": 1e-6}, {"FIRST_PLACES": 1}]
 
 
 @pytest.mark.parametrize("scheduler", ["sync", "threads", "address", "client", "cluster"], indirect=True)
