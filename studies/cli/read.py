@@ -285,7 +285,7 @@ def report(targets: tuple[str, ...], rig: str | None, out: str | None, file: str
     """One HTML page of every result: figures, numbers beside the paper's, costs, points, maps to point at.
 
     \b
-    fiv report                       all studies, maps and rigs of the results folder
+    fiv report                       all studies, maps and rigs of a folder
     fiv report --rig mine            those of one rig
     fiv report regimes stability     these alone
     fiv report --watch               served on this machine while runs go on
