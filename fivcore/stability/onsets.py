@@ -24,8 +24,6 @@ from fivcore.jit import Array, kernel
 # Hundreds of intervals are usual; a search that needs more than this has met an identically vanishing W.
 MOST_INTERVALS = 100_000
 NONE, ONE, SPLIT = 0, 1, 2
-# Parts of each piece of the path that are judged first.
-FIRST_CELLS = 16
 # Where the path reaches |phi| = 2, which is where `sliding_modes` ends, and phi = 2.
 PATH_TOP, ARC = 1.0 + 3.0**0.5, 1.0 + 3.0**0.5 + np.pi / 3.0
 # Samples of the real axis, 20 a decade, and the first of them.
@@ -142,34 +140,24 @@ def classify_interval(
 
 @kernel
 def isolate(p: Array, a: Array, b: Array, d1: float, d2: float, mu_max: float, brackets: Array) -> tuple[int, int]:
-    """Fill `brackets` with low, high and pole index of each zero of W; return how many, and intervals judged.
-
-    Intervals are halves of halves of FIRST_CELLS parts of each piece of the path: the bracket of a zero is the
-    largest of them that isolates it, whatever mu_max, and its root has the same bits.
-    """
-    found, judged, w_low, last = 0, 0, np.nan, -1
-    for piece in range(3):
-        start, end = (0.0, 1.0) if piece == 0 else (1.0, PATH_TOP) if piece == 1 else (PATH_TOP, ARC)
-        k, cells = 0, FIRST_CELLS
-        while k < cells and judged < MOST_INTERVALS:
-            low, width = start + (end - start) * (k / cells), (end - start) / cells
-            high = end if k + 1 == cells else start + (end - start) * ((k + 1) / cells)
-            n = int(np.argmin(np.abs(p - axis_point(0.5 * (low + high), d1, d2)[0])))
-            w_low, last = w_low if n == last else np.nan, n
-            verdict, w_low, w_high = classify_interval(low, high, w_low, n, p, a, b, d1, d2, mu_max)
-            judged += 1
-            # Two zeros this close count as one.
-            if verdict == SPLIT and width > 1e-13:
-                k, cells = 2 * k, 2 * cells
-                continue
-            if verdict == SPLIT:
-                w_low, w_high = onset_function(low, n, p, a, b, d1, d2), onset_function(high, n, p, a, b, d1, d2)
-            if verdict != NONE and (w_low > 0.0) != (w_high > 0.0):
-                brackets[found, 0], brackets[found, 1], brackets[found, 2] = low, high, n
-                found += 1
-            k, w_low = k + 1, w_high
-            while k % 2 == 0 and cells > FIRST_CELLS:
-                k, cells = k // 2, cells // 2
+    """Fill `brackets` with low, high and pole index of each zero of W; return how many, and intervals judged."""
+    found, judged, low, width, w_low, last = 0, 0, 0.0, 1.0 / 64.0, np.nan, -1
+    while low < ARC and judged < MOST_INTERVALS:
+        high = min(low + width, 1.0 if low < 1.0 else PATH_TOP if low < PATH_TOP else ARC)
+        n = int(np.argmin(np.abs(p - axis_point(0.5 * (low + high), d1, d2)[0])))
+        w_low, last = w_low if n == last else np.nan, n
+        verdict, w_low, w_high = classify_interval(low, high, w_low, n, p, a, b, d1, d2, mu_max)
+        judged += 1
+        # Two zeros this close count as one.
+        if verdict == SPLIT and high - low > 1e-13:
+            width = 0.5 * (high - low)
+            continue
+        if verdict == SPLIT:
+            w_low, w_high = onset_function(low, n, p, a, b, d1, d2), onset_function(high, n, p, a, b, d1, d2)
+        if verdict != NONE and (w_low > 0.0) != (w_high > 0.0):
+            brackets[found, 0], brackets[found, 1], brackets[found, 2] = low, high, n
+            found += 1
+        low, width, w_low = high, 1.3 * width, w_high
     return found, judged
 
 
