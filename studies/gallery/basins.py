@@ -69,8 +69,7 @@ def _occurring(dataset: xr.Dataset) -> list[str]:
 def draw(dataset: xr.Dataset) -> figures.Figure:
     """Fractions of starts along the longest parameter; below, the starts coloured by their motion.
 
-    Starts along one coordinate are drawn over the parameter, those on a plane in panels for up to four values of
-    it.
+    Starts along one coordinate are drawn over the parameter, those on a plane for up to four of its values.
     """
     x, *others = _axes(dataset)
     if dataset.sizes[others[0]] > 1 or not bool(dataset["vibration_share"].notnull().any()):
@@ -80,8 +79,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     chosen = planes.subset(at.sizes[x], PANELS) if len(moved) == 2 else []
     below = [f"plane {k}" for k in chosen] or ["starts"] * bool(moved)
     rows = [["share"], *(below[k : k + 2] for k in range(0, len(below), 2))]
-    across = max(map(len, rows))
-    figure, panels = figures.mosaic([row * (across // len(row)) for row in rows], *[6.5] * len(rows))
+    figure, panels = figures.mosaic([row * (max(map(len, rows)) // len(row)) for row in rows], *[6.5] * len(rows))
     _draw_shares(panels["share"], at, x)
     titles = ["fraction of starts that lead to each motion"]
     if len(moved) == 1:

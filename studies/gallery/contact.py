@@ -63,9 +63,8 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     points = [dataset.isel(V=k) for k in range(dataset.sizes["V"])]
     for point in points:
         force, speed = (labels.number(float(labels.readable(point[f"{name}_999"]))) for name in PEAKS)
-        speeds = labels.named("V", point["V"])
         below = f"the normal force stays below {force} N and the slip speed below {speed} mm/s"
-        yield f"At {speeds}, {below} for 99.9 % of the time."
+        yield f"At {labels.named('V', point['V'])}, {below} for 99.9 % of the time."
     if int(dataset["most"]):
         yield from map(cycle_text, points)
     changes = dataset["switches_per_second"] / regimes.dominant_frequency(dataset)
@@ -104,8 +103,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     columns = planes.subset(dataset.sizes["V"], MOST_COLUMNS)
     sides = ("largest normal\nforce / N", "largest slip\nspeed / (mm/s)", "normal force\n/ N",
              "apparent\nfriction T/N", "slip velocity\n/ (mm/s)", "slip velocity / (mm/s)")  # fmt: skip
-    heights = 2.7, 3.2, 3.0, 2.7, 3.2, 4.8
-    figure, panels = figures.panels(6, len(columns), *heights, stack=False)
+    figure, panels = figures.panels(6, len(columns), 2.7, 3.2, 3.0, 2.7, 3.2, 4.8, stack=False)
     grid = np.array(panels).reshape(6, len(columns))
     for column, k in zip(grid.T, columns, strict=True):
         _draw_speed(column, dataset.isel(V=k))

@@ -64,22 +64,19 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
                 ends = " to ".join(f"{factor * end:.5g}" for end in (value[chosen].min(), value[chosen].max()))
                 band = f"{hertz[chosen].min():.0f} to {hertz[chosen].max():.0f} Hz"
                 parts.append(f"{kind} ones exist from {ends} ({band})")
-        places = [
-            (f"{factor * at:.5g}", what) for at, what in zip(point["place_value"].values, texts, strict=True)
-        ]
+        ats = point["place_value"].values
+        places = [(f"{factor * at:.5g}", what) for at, what in zip(ats, texts, strict=True)]
         rows += [(text, *place) for place in places if place[1]]
         onsets = [f"{factor * at:.5g}" for at in point["onset_value"].dropna("onset").values]
-        folds = [at for at, what in places if what == "fold"]
-        parts += [f"branches fold at {', '.join(folds)}"] if folds else []
-        parts += [f"flutter begins at {', '.join(onsets)}"] if onsets else []
+        found = {"branches fold": [at for at, what in places if what == "fold"], "flutter begins": onsets}
+        parts += [f"{what} at {', '.join(at)}" for what, at in found.items() if at]
         if both := following.interval(point):
             ends = " to ".join(f"{factor * end[0]:.4g}" for end in both[:2])
             parts.append(f"upward and downward runs move differently from {ends}")
         knocks = labels.readable(point["knock_threshold"].dropna(name)).values
         if len(knocks):
-            parts.append(
-                f"the smallest knock that starts vibration is {knocks.min():.3g} to {knocks.max():.3g} mN s"
-            )
+            ends = f"{knocks.min():.3g} to {knocks.max():.3g} mN s"
+            parts.append(f"the smallest knock that starts vibration is {ends}")
         head = "Limit cycles" if np.isfinite(value).any() else "No limit cycle is found"
         over = f"over {labels.title(name)}{f' in {unit}' if unit else ''} at {text}"
         yield f"{head} {over}: {'; '.join(parts) or 'upward and downward runs move alike'}."

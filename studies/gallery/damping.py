@@ -89,9 +89,9 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     _draw_held(top, dataset)
     figures.legend_below(figure, [top])
     same = (("everywhere", names[share == 1.0]), ("nowhere", names[share == 0.0]))
-    text = "; ".join(f"{where}: {', '.join(map(_degrees, each))}" for where, each in same if len(each))
+    text = "; ".join(f"{where}: {', '.join(each)}" for where, each in same if len(each)).replace(" degrees", "°")
     for k, (name, axes) in enumerate(panels.items()):
-        axes.set_title(_degrees(name), loc="left")
+        axes.set_title(name.replace(" degrees", "°"), loc="left")
         mesh = planes.numbers(axes, dataset["truth"].sel(statement=name), "d1", "d2", vmin=0.0, vmax=1.0)
         _mark(axes, dataset, 0.6)
         axes.tick_params(labelleft=k % across == 0, labelbottom=k + across >= len(varies))
@@ -102,10 +102,6 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
     figure.suptitle(f"Damping and the paper's statements on motion: {int(dataset['members'])} realisations")
     figure.supxlabel(f"statements that hold {text}" if text else "")
     return figure
-
-
-def _degrees(name: str) -> str:
-    return name.replace(" degrees", "°")
 
 
 def _draw_held(axes: figures.Axes, dataset: xr.Dataset) -> None:

@@ -80,15 +80,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
         "theta mode_growth_rate dominant_frequency velocity_rms stick_fraction separation_fraction regime_share"
     )
     table = labels.frame(dataset.isel(theta=rows), names.split(), along="theta")
-    table.columns = [
-        "θ °",
-        "growth 1/s",
-        "dominant Hz",
-        "RMS mm/s",
-        "stick",
-        "separation",
-        "share of runs",
-    ]
+    table.columns = ["θ °", "growth 1/s", "dominant Hz", "RMS mm/s", "stick", "separation", "share of runs"]
     hertz = dataset["frequency"].values[rows]
     table.insert(1, "unstable Hz", [", ".join(f"{f:.0f}" for f in row[np.isfinite(row)]) or "-" for row in hertz])
     table.insert(7, "regime", kinds[rows])
@@ -98,15 +90,13 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
     counts = pd.crosstab(motion.ravel(), np.repeat(unstable, motion.shape[1]), colnames=["unstable modes"])
     counts = counts.rename(columns="{:g}".format).rename_axis("regime").reset_index()
     yield "Realisations by regime and number of unstable modes", counts
-    inside = ((dataset["window_from"] <= dataset["theta"]) & (dataset["theta"] <= dataset["window_to"])).sum(
-        "window"
-    )
+    at = dataset["theta"]
+    inside = ((dataset["window_from"] <= at) & (at <= dataset["window_to"])).sum("window")
     most = float(dataset["max_duration"])
     limit = f"the runs stopped at the limit of {most:g} s, before the standard error was as small as requested"
     cases = {
         "a mode is unstable outside of the unstable intervals": (len(theta) > 1) & (unstable > inside.values),
-        f"more than {stability.PAIRS} modes are unstable, of which the least stable are stored": unstable
-        > stability.PAIRS,
+        f"more than {stability.PAIRS} modes are unstable; the least stable are stored": unstable > stability.PAIRS,
         "the realisations differ in regime": dataset["regime_share"].values < 1.0,
         limit: dataset["duration"].values >= most,
     }
@@ -127,8 +117,7 @@ def draw(dataset: xr.Dataset) -> figures.Figure:
         figures.spans(axes, bounds, color=figures.BLACK, alpha=0.06, zorder=0.5)
     for axes, ends in zip(lines, bands, strict=True):
         angles.points(axes, pairs, "unstable pair")
-        look: dict[str, Any] = {"color": figures.BLUE, "mfc": "none", "markersize": 5.0}
-        angles.points(axes, dominant, "dominant, of each realisation", **look)
+        angles.points(axes, dominant, "dominant, of a realisation", color=figures.BLUE, mfc="none", markersize=5.0)
         if papers:
             angles.paper_frequencies(axes, theta)
         axes.set(ylim=ends, ylabel="frequency / kHz", yscale="log" if ends[1] > 3.0 * ends[0] > 0.0 else "linear")
