@@ -235,7 +235,8 @@ def unusual(values: Mapping[str, Any], requested: Any) -> list[str]:
 def warn_unusual(lines: Sequence[str], *, strict: bool) -> str:
     """Warn about unusual values and return a text for the file's history; if `strict`, raise an `InputError`."""
     if lines and strict:
-        raise InputError(f"{lines[0]} strict=True refuses unusual values")
+        stop = "" if lines[0].endswith("?") else ";"
+        raise InputError(f"{lines[0]}{stop} strict=True refuses unusual values")
     # The first caller outside this package gave the value.
     level, frame, package = 1, sys._getframe(), str(Path(__file__).parents[1])
     while frame.f_back is not None and frame.f_code.co_filename.startswith(package):

@@ -55,7 +55,7 @@ CUT = {
 }
 # Lines that install or clone; what is not run here: the tests themselves, a page that is served for ever, a queue.
 PREPARES = ("python3 -m venv", ".venv/bin/python -m pip", "git clone", "cd fiv", ". .venv/bin", "pip install")
-ELSEWHERE = (TEST, "fiv report --watch", "#SBATCH", "sbatch ")
+ELSEWHERE = (TEST, "fiv report --watch", "fiv report --rig mine", "#SBATCH", "sbatch ")
 # What makes a script of the study of one's own.
 MAIN = """
 import studies

@@ -183,7 +183,7 @@ def test_a_figure_beside_the_file_is_drawn_again_only_for_other_data_or_code(fol
     other = replace(result, study=replace(result.study, figure=regimes.draw_planes))
     uncompared = replace(result, study=replace(result.study, figure=partial(len, object())))
     with monkeypatch.context() as patch:
-        patch.setattr(figures, "shows", lambda image, of: (image, of) == (b"stored", digest))
+        patch.setattr(figures, "is_drawn_from", lambda image, of: (image, of) == (b"stored", digest))
         file.with_suffix(".png").write_bytes(b"stored")
         assert [section.images(each) for each in (result, other, uncompared)] == [
             [b"stored"],

@@ -248,7 +248,7 @@ def test_the_command_prints_the_numbers_and_what_they_are(tmp_path, here, motion
     rows = dict(line.split(None, 1) for line in done.stdout.splitlines() if line)
     assert rows["dominant_frequency"] == f"{found['dominant_frequency']:.5g} Hz"
     assert rows["velocity_rms"] == f"{found['velocity_rms']:.5g} mm/s"
-    assert "A run's summary knows the contact, this only the signal" in done.stderr
+    assert "A signal does not show the state of the contact" in done.stderr
     assert "outside of the band" in here("measure", "a.csv", "--band", "8kHz:9kHz").stderr
 
 

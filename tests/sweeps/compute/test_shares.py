@@ -125,7 +125,7 @@ def test_a_wrong_share_is_refused(path, wrong):
 def test_what_has_no_shares(path):
     with pytest.raises(InputError, match="it needs a store"):
         make(points=4).plan().share(1, 2)
-    with pytest.raises(InputError, match=r"^share: a refined sweep has none, .*; run it whole$"):
+    with pytest.raises(InputError, match=r"^share: a refined sweep has no shares, .*; run it whole$"):
         refined(simple(lambda p: p, Grid({"x": np.arange(5.0)})), Refinement("y", 1)).plan(path).share(1, 2)
     with pytest.raises(InputError, match=r"^share: only a whole run starts over"):
         make(points=4).plan(path, fresh=True).share(1, 2)
