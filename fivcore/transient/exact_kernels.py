@@ -198,7 +198,9 @@ def _error(h: float, z: Any, new: Any, stages: Any, zero: Any) -> float:
         for k in range(13):
             a, b = a + ERROR_5[k] * stages[k, j], b + ERROR_3[k] * stages[k, j]
         size = zero[j] + STEP_TOLERANCE * max(abs(z[j]), abs(new[j]))
-        fifth, third = fifth + (a / size) ** 2, third + (b / size) ** 2
+        # Not `** 2`: Numba compiles a power once, with the fast-math flags of the kernel that first needs it.
+        a, b = a / size, b / size
+        fifth, third = fifth + a * a, third + b * b
     return h * fifth / max(np.sqrt(fifth + 0.01 * third), 1e-300)
 
 
