@@ -1,5 +1,6 @@
 """Compiled kernels: the folder that keeps them, what may happen to it, and what decides their bits."""
 
+import ast
 import errno
 import os
 import platform
@@ -7,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from numba import njit
@@ -171,6 +173,20 @@ def test_who_needs_a_part_first_changes_no_bit():
         return part(a, b, c)
 
     assert njit(lambda a, b, c: whole(a, b, c))(0.1, 3.0, -0.3) == 0.1 * 3.0 - 0.3
+
+
+def test_fast_math_code_has_no_powers():
+    """Numba compiles `x ** n` once a process, with the freedom of the kernel that first needs it.
+
+    Then the bits of a result would depend on what was computed before.
+    """
+    free, found = {"contracted", "reordered", "reordered_call"}, 0
+    for path in Path(jit.__file__).parent.rglob("*.py"):
+        for part in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(part, ast.FunctionDef) and free & {ast.unparse(each) for each in part.decorator_list}:
+                found += 1
+                assert not any(isinstance(each, ast.Pow) for each in ast.walk(part)), (path.name, part.name)
+    assert found > 10
 
 
 def test_functions_bear_the_options_that_decide_their_bits():
