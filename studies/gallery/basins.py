@@ -117,7 +117,7 @@ def _draw_shares(axes: figures.Axes, at: xr.Dataset, x: str) -> None:
     share, *ends = (at[f"vibration_share{end}"].values for end in ("", "_low", "_high"))
     share = np.where(np.isfinite(ends[0]), share, np.nan)
     figures.curve(axes, labels.readable(at[x]).values, share, ends=ends, color="black", linestyle="none")
-    axes.set(ylim=(0.0, 1.0), ylabel="share of the starts")
+    axes.set(ylim=(0.0, 1.0), ylabel="fraction of starts")
 
 
 def _draw_starts(axes: figures.Axes, across: xr.DataArray, up: xr.DataArray, codes: xr.DataArray) -> None:
