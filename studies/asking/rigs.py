@@ -102,7 +102,7 @@ def named(name: str, out: str | Path | None = None) -> NamedRig:
 
 
 def found(rig: AnyRig | None, out: str | Path | None) -> tuple[NamedRig | None, str | Path | None]:
-    """What is taken for a rig, or None, and the folder of its results, which one without a name has not."""
+    """The rig that `rig` stands for, or None, and its results folder; a rig without a name uses `out`."""
     if rig is None:
         return None, out
     own = named(rig, out) if isinstance(rig, str) and is_name(rig) else unnamed(rig)
@@ -128,7 +128,7 @@ def unnamed(rig: AnyRig) -> NamedRig:
 
 
 def title(name: str, out: str | Path | None = None) -> str:
-    """What a rig is, in a line; of a damaged file what is wrong with it."""
+    """A one-line description of a rig, or the error if its file is damaged."""
     try:
         return named(name, out).title
     except ValueError as problem:
@@ -268,7 +268,7 @@ def requested(
 
 
 def _of_runs(request: Request) -> list[str]:
-    """What a request says besides values and a structure."""
+    """Names of the settings of a request other than values and a structure."""
     known = ("values", "structure")
     return [key for key, value in vars(request).items() if key not in known and value not in ("", (), None, 0)]
 

@@ -82,7 +82,7 @@ def summarise(dataset: xr.Dataset) -> Iterator[Any]:
 
 
 def draw(dataset: xr.Dataset) -> figures.Figure:
-    """Of each pair sensitivities by size with the change by 1 % more, and the first over theta."""
+    """Sensitivities of each pair in order of size, beside the onsets solved again, and the largest over theta."""
     at = ranked(dataset)
     strongest = [name for name in at["parameter"].values.tolist() if name != "theta"]
     looks = dict(zip(strongest, zip(COLOURS, MARKERS, strict=True), strict=False))
