@@ -97,7 +97,7 @@ def draw_branches(
 
 def name_growing(axes: Axes, mu: float, hertz: Any, rates: Any) -> None:
     """Write the frequency of each unstable mode at the end of its branch, if there is room."""
-    pixels = 1.1 * figures.points("font.size") / 72.0 * axes.figure.dpi
+    pixels = figures.points("font.size") / 72.0 * axes.figure.dpi
     last, apart = np.inf, pixels / axes.get_window_extent().height * float(np.ptp(axes.get_ylim()))
     place: dict[str, Any] = {"xytext": (4, 0), "textcoords": "offset points", "va": "center"}
     for rate, each in sorted(((r, f) for r, f in zip(rates, hertz, strict=True) if r > 0.0), reverse=True):
